@@ -51,7 +51,12 @@ pub(crate) fn file_parts(
         };
         let given_up = loop {
             let mut part = vec![0; PART_BYTES];
-            match file.read(&mut part).await {
+            // A file that is still being written may have no next bytes yet.
+            let read = tokio::select! {
+                read = file.read(&mut part) => read,
+                () = sender.closed() => return,
+            };
+            match read {
                 Ok(0) => return,
                 Ok(read) => part.truncate(read),
                 Err(error) => break error,

@@ -8,18 +8,21 @@
 //! - [`publish`]: HTTP under limits ([`publish::http`]) for the log's files ([`publish::log_server`]) and for a witness
 //!   ([`publish::witness_server`]), and clients of witnesses ([`publish::cosigning`]) and of servers of beacons ([`publish::beacon`]).
 //! - [`connections`]: a bounded number of connections for both servers (their certificates are in the crate `zk0-tls`); [`observe`]:
-//!   metrics, status and trouble; `file_parts`: files sent in parts; `line`: a bounded queue; `turns`: one turn at a time for each key.
+//!   metrics, status and trouble; `file_parts`: files sent in parts; `store_reads`: downloads of
+//!   what is only in the blob store, as `growing_file`s; `line`: a bounded queue; `turns`: one turn at a time for each key.
 //!
 //! The decision on a submission and the end of a round are pure functions of [`zk0_verifier`].
 
 pub mod clock;
 pub mod connections;
 mod file_parts;
+mod growing_file;
 mod line;
 pub mod observe;
 pub mod publish;
 pub mod round;
 pub mod serve;
+mod store_reads;
 mod turns;
 
 pub use crate::clock::{Clock, SystemClock};

@@ -1,5 +1,6 @@
 //! What the aggregator does, as nodes, operators, witnesses and strangers see it.
 
+mod absent_witnesses;
 mod blob_store;
 mod connections;
 mod observed;

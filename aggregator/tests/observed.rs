@@ -15,6 +15,7 @@ use zk0_aggregator::round::request_error::RequestError;
 use zk0_aggregator::serve::service::ServeError;
 use zk0_aggregator::{Aggregator, Config, Limits, Service};
 use zk0_ledger::blobs::Blobs;
+use zk0_metrics::endpoint::Observed;
 use zk0_protocol::entries::entry::{Body, Entry};
 use zk0_protocol::rpc::federation::trouble::Kind;
 use zk0_protocol::rpc::federation::{GetStatusRequest, Trouble};
@@ -139,10 +140,52 @@ async fn too_few_witnesses_are_trouble_that_takes_no_service_away() {
     let (node, name) = (SigningNode::new(1).id(), "late".to_owned());
     let enrol = move |aggregator: &mut Aggregator| aggregator.enrol(node, name);
     network.service().with(enrol).await.unwrap();
-    has(&network, &[Kind::Witnesses]).await;
+    has(&network, &[Kind::Witnesses, Kind::WitnessAway]).await;
     assert_eq!(serving(&network).await, [ServingStatus::Serving; 2]);
     witnesses[1].on().await;
+    has(&network, &[Kind::WitnessAway]).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_witness_that_is_away_is_named_while_the_others_are_enough() {
+    let (mut witnesses, policy) = three().await;
+    let limits = Limits::default();
+    let network = Network::start_as(&[], CONFIG, limits, genesis(), Some(policy), None).await;
+    witnesses[1].off().await;
+    let (node, name) = (SigningNode::new(1).id(), "late".to_owned());
+    let enrol = move |aggregator: &mut Aggregator| aggregator.enrol(node, name);
+    network.service().with(enrol).await.unwrap();
+    let size = network.entries().await.len() as u64;
+    has(&network, &[Kind::WitnessAway]).await;
+    let trouble = told(&network).await;
+    let sentence = &trouble[0].sentence;
+    assert!(sentence.contains(" W1;") && !sentence.contains("W0"));
+    assert_eq!(serving(&network).await, [ServingStatus::Serving; 2]);
+    let published = async || {
+        let mut client = network.client().await;
+        let status = client.get_status(GetStatusRequest {}).await.unwrap();
+        status.into_inner().published == size
+    };
+    until_async("all is published", published).await;
+
+    let shown = network.service().metrics_text().await.unwrap();
+    let of = |metric: &str, witness: &str| {
+        let begin = format!("zk0_{metric}{{witness=\"{witness}\"}} ");
+        let value = shown.lines().find_map(|line| line.strip_prefix(&begin));
+        value
+            .unwrap_or_else(|| panic!("no {begin} in {shown}"))
+            .parse::<u64>()
+            .unwrap()
+    };
+    assert_eq!(of("cosigning_failures_total", "W0"), 0);
+    assert!(of("cosigning_failures_total", "W1") > 0);
+    let age = |witness| of("cosignature_age_seconds", witness);
+    assert!(age("W0") <= age("W1"));
+
+    // It is asked again although nothing new is recorded.
+    witnesses[1].on().await;
     has(&network, &[]).await;
+    assert_eq!(network.entries().await.len() as u64, size);
 }
 
 /// A service on loopback, and how it ends.

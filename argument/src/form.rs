@@ -1,6 +1,6 @@
 //! What a verifier knows of secret values, and the equations between them.
 //!
-//! The prover says a secret value s as c = s + u, where u is the next element of a committed vector of random ones: its *pad* (Cramer and
+//! The prover states a secret value s as c = s + u, where u is the next element of a committed vector of random ones: its *pad* (Cramer and
 //! Damgård 1998; for sumchecks over a commitment to a vector, Frigo and shelat, eprint 2024/2010). A verifier calculates with [`Form`]s of secret
 //! values. A product of two of them is a *gate*. What an argument has to fulfil is a list of equations, [`Equations`], which [`crate::opening`]
 //! shows at the end.
@@ -159,7 +159,7 @@ pub struct Equations {
     gates: Vec<[Form; 2]>,
 }
 
-/// The sum of all equations, with random weights: `known + Σ said·s + Σ gates·a·b` is zero.
+/// The sum of all equations, with random weights: `known + Σ stated·s + Σ gates·a·b` is zero.
 pub struct Combined {
     /// What is known.
     pub known: Extension,

@@ -1,11 +1,11 @@
-//! An argument that values were computed as a statement says. Its verifier is short enough for the SP1 guest, whatever the computation took;
+//! An argument that values were computed as a statement states. Its verifier is short enough for the SP1 guest, whatever the computation took;
 //! its prover is native.
 //!
 //! From the bottom up. Each folder or file uses only those above it in this list.
 //!
 //! - [`field`]: integers modulo the Goldilocks prime, and the extension that challenges come from.
 //! - [`permutation`], [`hash`]: Poseidon2, SP1's precompile. [`tree`]: Merkle trees over rows.
-//! - [`transcript`]: what the prover says, and the challenges that follow from it.
+//! - [`transcript`]: what the prover states, and the challenges that follow from it.
 //! - [`multilinear`], [`sumcheck`]: polynomials given by their values on {0, 1}^n, and the proof of a sum over them.
 //! - [`fractions`]: a sum of fractions that is zero, as look-ups need it.
 //! - [`commitment`]: a commitment to many polynomials, opened at one point.

@@ -4,12 +4,12 @@
 //! There are columns f, with values that are claimed at a point z as sums of theirs; a random polynomial g; and U, random to its end, two
 //! entries of which are one pad each. All are committed to before the first challenge.
 //!
-//! 1. A combination `M = Σ w·f + ψ·g` is uniform. The prover says `y₁ = Σ w₀·f(z)` and `g(z)` with pads, and then `y = M(z)` and `U(z)` as they are:
+//! 1. A combination `M = Σ w·f + ψ·g` is uniform. The prover states `y₁ = Σ w₀·f(z)` and `g(z)` with pads, and then `y = M(z)` and `U(z)` as they are:
 //!    the pads after the last one that is used are as good as a mask for the second. One more equation states what y is. The claimed values are
 //!    in it, because the coefficients by which they are sums of columns are parts of w.
-//! 2. All equations become one, `Σ α·a·b + L(u) = 0`. For masks a* and b*, which are pads, the prover says `Σ α·(a·b* + a*·b)` and `Σ α·a*·b*` with
+//! 2. All equations become one, `Σ α·a·b + L(u) = 0`. For masks a* and b*, which are pads, the prover states `Σ α·(a·b* + a*·b)` and `Σ α·a*·b*` with
 //!    pads, and then all `a + ρ·a*` and `b + ρ·b*`, which are uniform. So every equation is linear in pads, and all become `⟨ω, U⟩ = δ`.
-//! 3. `F = M + ξ·U` is uniform, and with `⟨ω, M⟩`, which the prover says, one sumcheck of `Σ (eq(z, x) + η·ω(x))·F(x)` shows both sums. What is left is
+//! 3. `F = M + ξ·U` is uniform, and with `⟨ω, M⟩`, which the prover states, one sumcheck of `Σ (eq(z, x) + η·ω(x))·F(x)` shows both sums. What is left is
 //!    a value of F, which [`crate::commitment`] opens.
 //!
 //! This is Cramer and Damgård (CRYPTO 98), as in Longfellow (Frigo and shelat, eprint 2024/2010), with one mask for the opening and the pads.
@@ -134,7 +134,7 @@ struct LinearEquation {
     known: Extension,
 }
 
-/// What the prover says in step 2, and the challenges.
+/// What the prover states in step 2, and the challenges.
 struct MaskedSums<'a> {
     tau: Extension,
     /// The number of the first mask.
@@ -159,7 +159,7 @@ impl LinearEquation {
             combined.said[sum] -= power;
             power *= said.rho;
         }
-        // What was said of each factor is the factor and its mask times ρ. A mask is a value that was said as zero.
+        // What was stated of each factor is the factor and its mask times ρ. A mask is a value that was stated as zero.
         let mut weight = Extension::ONE;
         for (place, &factor) in said.factors.iter().enumerate() {
             weight *= said.theta;
@@ -262,7 +262,7 @@ pub fn read(
         theta: verifier.challenge(),
     };
     let linear = LinearEquation::new(&equations, &said, pads);
-    // A secret value is what it was said as but for its pad.
+    // A secret value is what it was stated as but for its pad.
     let delta =
         Extension::dot_of_extensions(&linear.coefficients, verifier.padded()) + linear.known;
     let product = verifier.receive_extension(1)?[0];
@@ -312,7 +312,7 @@ pub mod prove {
         pub sums: &'a [ColumnSum<()>],
     }
 
-    /// Says all that is left but the opening. `equations` reads what was said up to then, as the verifier does. Returns the polynomial to open, and
+    /// States all that is left but the opening. `equations` reads what was stated up to then, as the verifier does. Returns the polynomial to open, and
     /// the point.
     ///
     /// # Errors

@@ -56,11 +56,11 @@ pub enum Sum {
 pub trait Party: Challenges {
     /// What it knows of a value that the prover does not show.
     type Value: Secret;
-    /// The value of what a claim is about: the prover computes it, and says it with a pad.
+    /// The value of what a claim is about: the prover computes it, and states it with a pad.
     fn value(&mut self, parts: &Parts, about: &Weighted) -> Result<Self::Value, Refused>;
-    /// The value of what a claim is about that everybody can compute: the prover says it as it is.
+    /// The value of what a claim is about that everybody can compute: the prover states it as it is.
     fn published(&mut self, parts: &Parts, about: &Weighted) -> Result<Extension, Refused>;
-    /// States that what a claim is about has the value zero. Nothing is said.
+    /// States that what a claim is about has the value zero. Nothing is stated.
     fn nothing(&mut self, about: &Weighted) -> Self::Value;
     /// The product of two values, one of which is known or no product of two secret ones.
     fn product(&mut self, a: &Self::Value, b: &Self::Value) -> Result<Self::Value, Refused>;

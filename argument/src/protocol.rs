@@ -7,7 +7,7 @@
 //! 3. Claims about products become claims about their factors, by one sumcheck for all.
 //! 4. What is left are claims about tensors. [`crate::share`] makes one claim about a source of all that are about it.
 //!
-//! A value that the prover claims is said when it is first needed. It is secret, unless everybody can compute it. [`crate::party::Party`] is what differs between the two sides.
+//! A value that the prover claims is stated when it is first needed. It is secret, unless everybody can compute it. [`crate::party::Party`] is what differs between the two sides.
 
 use crate::field::{Extension, Goldilocks};
 use crate::form::Secret;

@@ -1,7 +1,7 @@
 //! Sumcheck (Lund, Fortnow, Karloff and Nisan 1992): a claim about the sum of a polynomial over {0, 1}^n becomes a claim about its value at a
 //! random point.
 //!
-//! In each round the prover says a polynomial `g` in one variable: the sum over all other variables that are still free. It says all
+//! In each round the prover states a polynomial `g` in one variable: the sum over all other variables that are still free. It states all
 //! coefficients but the linear one, which follows from `g(0) + g(1) = claim`.
 
 use crate::field::Extension;
@@ -29,7 +29,7 @@ pub fn verify(
     Ok((point, claim))
 }
 
-/// [`verify`] where the prover says its polynomials with pads, and the claim is secret. The value that is left is
+/// [`verify`] where the prover states its polynomials with pads, and the claim is secret. The value that is left is
 /// `claim·Π t + Σ coefficient·(t^i − t)·Π later t`, for the challenges t, and 1 − 2t in place of t^i − t for constants.
 pub fn verify_secret(
     verifier: &mut Verifier<'_>,
@@ -160,8 +160,8 @@ pub mod prove {
     /// Values that one core works on at a time.
     const PIECE: usize = 1 << 12;
 
-    /// Proves the sum of all `a · b` of pairs of polynomials in so many variables, which lie one after the other, and says its polynomials with
-    /// `say`. Returns the point. What is left of `a` and `b` are the values there.
+    /// Proves the sum of all `a · b` of pairs of polynomials in so many variables, which lie one after the other, and states its polynomials with
+    /// `state`. Returns the point. What is left of `a` and `b` are the values there.
     pub fn products(
         prover: &mut Prover,
         say: fn(&mut Prover, &[Extension]),

@@ -1,10 +1,10 @@
-//! The transcript: prover and verifier absorb all that the prover says, and draw the same challenges from it (Fiat and Shamir 1986, over
+//! The transcript: prover and verifier absorb all that the prover states, and draw the same challenges from it (Fiat and Shamir 1986, over
 //! the sponge of [`crate::hash`]).
 //!
-//! A proof is a list of words, in the order in which the prover says them. An element of the field is one word, its canonical value; an
-//! element of the extension is two; a digest is four. What is said is fixed by the statement, so nothing says how long a part is.
+//! A proof is a list of words, in the order in which the prover states them. An element of the field is one word, its canonical value; an
+//! element of the extension is two; a digest is four. What is stated is fixed by the statement, so nothing states how long a part is.
 //!
-//! What the prover says shows nothing of what it knows. A secret value is said with a pad ([`crate::form`]), which is used once: [`Pads`] cannot
+//! What the prover states shows nothing of what it knows. A secret value is stated with a pad ([`crate::form`]), which is used once: [`Pads`] cannot
 //! be copied. All else is what everybody can compute, or was masked before.
 
 use crate::field::goldilocks::reduce;
@@ -45,7 +45,7 @@ pub fn require(holds: bool, otherwise: Refused) -> Result<(), Refused> {
     holds.then_some(()).ok_or(otherwise)
 }
 
-/// What prover and verifier share: all that was said, and challenges from it.
+/// What prover and verifier share: all that was stated, and challenges from it.
 struct Transcript {
     sponge: Sponge,
     /// The sponge's digest was not drawn from yet.
@@ -157,26 +157,26 @@ impl Pads {
     }
 }
 
-/// The prover's side: what it says is absorbed and kept.
+/// The prover's side: what it states is absorbed and kept.
 #[cfg(feature = "prove")]
 pub struct Prover {
     transcript: Transcript,
     proof: Vec<u64>,
     pads: Pads,
-    /// Something secret was not said, because there was no pad for it.
+    /// Something secret was not stated, because there was no pad for it.
     silent: bool,
-    /// All secret values that were said. A mask is one that was said as zero.
+    /// All secret values that were stated. A mask is one that was stated as zero.
     secrets: Vec<Extension>,
-    /// The first word of what was said with each pad. A mask has none.
+    /// The first word of what was stated with each pad. A mask has none.
     places: Vec<Option<usize>>,
 }
 
-/// The verifier's side: it reads what the prover said.
+/// The verifier's side: it reads what the prover stated.
 pub struct Verifier<'a> {
     transcript: Transcript,
     proof: &'a [u64],
     read: usize,
-    /// What secret values were said as, by the numbers of their pads. A mask is one that was said as zero.
+    /// What secret values were stated as, by the numbers of their pads. A mask is one that was stated as zero.
     padded: Vec<Extension>,
 }
 
@@ -243,7 +243,7 @@ impl Prover {
         self.hint(elements);
     }
 
-    /// Says secret values, each with the next pad.
+    /// States secret values, each with the next pad.
     pub fn send_secret(&mut self, values: &[Extension]) {
         let Some(pads) = self.pads.take(values.len()) else {
             self.silent = true;
@@ -257,17 +257,17 @@ impl Prover {
         self.send(&padded);
     }
 
-    /// Says what everybody can compute.
+    /// States what everybody can compute.
     pub fn send_published(&mut self, values: &[Extension]) {
         self.send(values);
     }
 
-    /// Says what is uniform whatever the secret values are, because it was masked.
+    /// States what is uniform whatever the secret values are, because it was masked.
     pub fn send_masked(&mut self, values: &[Extension]) {
         self.send(values);
     }
 
-    /// So many pads that nothing was said with: they are masks. None if there are not as many, after which nothing is said.
+    /// So many pads that nothing was stated with: they are masks. None if there are not as many, after which nothing is stated.
     pub fn masks(&mut self, count: usize) -> Option<Vec<Extension>> {
         let masks = self.pads.take(count).map(<[_]>::to_vec);
         self.secrets
@@ -277,42 +277,42 @@ impl Prover {
         masks
     }
 
-    /// All secret values that were said, by the numbers of their pads. A mask is one that was said as zero.
+    /// All secret values that were stated, by the numbers of their pads. A mask is one that was stated as zero.
     pub fn secrets(&self) -> &[Extension] {
         &self.secrets
     }
 
-    /// The first word of what was said with each pad, where something was.
+    /// The first word of what was stated with each pad, where something was.
     #[doc(hidden)]
     pub fn places(&self) -> &[Option<usize>] {
         &self.places
     }
 
-    /// What was said up to now.
+    /// What was stated up to now.
     pub fn words(&self) -> &[u64] {
         &self.proof
     }
 
-    /// A verifier that reads what was said up to now.
+    /// A verifier that reads what was stated up to now.
     pub fn verifier(&self, statement: &SpongeDigest) -> Verifier<'_> {
         let mut verifier = Verifier::new(statement, &self.proof);
         verifier.transcript.deaf = self.transcript.deaf;
         verifier
     }
 
-    /// Says a digest.
+    /// States a digest.
     pub fn send_digest(&mut self, digest: &SpongeDigest) {
         self.transcript.absorb_digest(digest);
         self.hint_digest(digest);
     }
 
-    /// Adds elements to the proof that something said before binds, and which are masked. They are not absorbed.
+    /// Adds elements to the proof that something stated before binds, and which are masked. They are not absorbed.
     pub fn hint(&mut self, elements: &[Goldilocks]) {
         self.proof
             .extend(elements.iter().map(|element| element.value()));
     }
 
-    /// Adds a digest that something said before binds.
+    /// Adds a digest that something stated before binds.
     pub fn hint_digest(&mut self, digest: &SpongeDigest) {
         self.proof.extend_from_slice(&digest.0);
     }
@@ -355,14 +355,14 @@ impl<'a> Verifier<'a> {
         Ok(first..self.padded.len())
     }
 
-    /// The numbers of so many masks: pads that nothing is said with.
+    /// The numbers of so many masks: pads that nothing is stated with.
     pub fn masks(&mut self, count: usize) -> Range<usize> {
         let first = self.padded.len();
         self.padded.resize(first + count, Extension::ZERO);
         first..self.padded.len()
     }
 
-    /// What all secret values were said as up to now.
+    /// What all secret values were stated as up to now.
     pub fn padded(&self) -> &[Extension] {
         &self.padded
     }
@@ -397,7 +397,7 @@ impl<'a> Verifier<'a> {
         Ok(digest)
     }
 
-    /// The next `count` elements, which something said before binds. The caller has to compare them with it.
+    /// The next `count` elements, which something stated before binds. The caller has to compare them with it.
     #[inline(always)]
     pub fn hint(&mut self, count: usize) -> Result<&'a [Goldilocks], Refused> {
         let first = self.read;
@@ -405,7 +405,7 @@ impl<'a> Verifier<'a> {
         Goldilocks::of_words(words).map_err(|wrong| Refused::NotCanonical(first + wrong))
     }
 
-    /// The next digest, which something said before binds. The caller has to compare it with that.
+    /// The next digest, which something stated before binds. The caller has to compare it with that.
     #[inline(always)]
     pub fn hint_digest(&mut self) -> Result<SpongeDigest, Refused> {
         let [digest] = self.hint_digests(1)? else {
@@ -452,7 +452,7 @@ pub mod work {
     #[cfg(feature = "prove")]
     use super::{Goldilocks, Prover};
 
-    /// Finds and says a number after which the next draw begins with `difficulty` zeros.
+    /// Finds and states a number after which the next draw begins with `difficulty` zeros.
     #[cfg(feature = "prove")]
     pub fn do_work(prover: &mut Prover, difficulty: u32) {
         use crate::hash::packed;
@@ -480,7 +480,7 @@ pub mod work {
         prover.transcript.squeeze();
     }
 
-    /// Checks the proof of work that the prover says next.
+    /// Checks the proof of work that the prover states next.
     pub fn check_work(
         verifier: &mut Verifier<'_>,
         difficulty: u32,

@@ -80,7 +80,7 @@ pub mod prove {
             &self.levels[0]
         }
 
-        /// Says the cap.
+        /// States the cap.
         pub fn send_cap(&self, prover: &mut Prover) {
             for digest in self.cap() {
                 prover.send_digest(digest);

@@ -1,4 +1,4 @@
-//! The verifier's side of an argument: it reads what the prover says, and draws the challenges.
+//! The verifier's side of an argument: it reads what the prover states, and draws the challenges.
 
 use crate::field::Extension;
 use crate::form::{Equations, Form};
@@ -51,14 +51,14 @@ pub fn powers(base: Extension, count: usize) -> Vec<Extension> {
 
 /// A verifier, and what it knows of secret values.
 pub struct Verifying<'a, 'v> {
-    /// What was said.
+    /// What was stated.
     pub verifier: &'a mut Verifier<'v>,
     /// What has to hold of secret values.
     pub equations: Equations,
 }
 
 impl<'a, 'v> Verifying<'a, 'v> {
-    /// Goes on with what was said.
+    /// Goes on with what was stated.
     pub fn new(verifier: &'a mut Verifier<'v>) -> Self {
         Self {
             verifier,

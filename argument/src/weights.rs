@@ -23,7 +23,7 @@ impl PointWeights {
         self.count += 1;
     }
 
-    /// The part of an axis. The statement says that there is one.
+    /// The part of an axis. The statement states that there is one.
     pub fn part(&self, axis: Axis) -> PartId {
         let found = self.iter().find(|(of, _)| *of == axis);
         match found {

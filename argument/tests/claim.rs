@@ -1,4 +1,4 @@
-//! Mode `succinct`: an honest claim says what mode `direct` says, and the statement refuses every cheat that one of its checks stops.
+//! Mode `succinct`: an honest claim states what mode `direct` states, and the statement refuses every cheat that one of its checks stops.
 
 use crate::models::{committed_to, BLIND};
 use std::borrow::Cow;

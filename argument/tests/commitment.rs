@@ -63,7 +63,7 @@ fn weights(challenges: &mut impl Challenges) -> Vec<Extension> {
     challenges.challenges(WIDTHS.concat().iter().sum())
 }
 
-/// A prover that commits to world 0, combines the columns of one world and opens the rows of another. Returns what it says, and the value of the
+/// A prover that commits to world 0, combines the columns of one world and opens the rows of another. Returns what it states, and the value of the
 /// combination.
 fn argued(
     parameters: &Parameters,

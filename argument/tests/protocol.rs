@@ -424,7 +424,7 @@ fn what_is_in_no_table_is_named() {
     assert_eq!((missing.lookup, missing.index), ("the rest of y", 5));
 }
 
-/// Public tensors are at a point what their values say.
+/// Public tensors are at a point what their values state.
 #[test]
 fn publics_are_their_values() {
     let relations = relations();

@@ -1,4 +1,4 @@
-//! Proofs stay what they are, word by word: a faster prover says the same.
+//! Proofs stay what they are, word by word: a faster prover states the same.
 
 use zk0_argument::field::{Extension, Goldilocks};
 use zk0_argument::fractions::{self, prove::StoredFractions};
@@ -36,7 +36,7 @@ fn prover() -> Prover {
     Prover::new(&STATEMENT, Pads::new(Elements(77).extension(1 << 10)))
 }
 
-/// The digest of a proof, and of a last challenge, which everything said has an influence on.
+/// The digest of a proof, and of a last challenge, which everything stated has an influence on.
 fn digest(mut prover: Prover) -> [u64; 4] {
     let last = prover.challenge();
     let mut words = prover.finish().unwrap();

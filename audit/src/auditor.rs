@@ -209,7 +209,7 @@ impl Auditor {
             None => {}
             Some(Err(Panicked)) => self.found.push(Finding::fault(
                 None,
-                "a check panicked, so something is not verified: the log says what",
+                "a check panicked, so something is not verified: the log states what",
             )),
             Some(Ok(JobOutcome::Check(index, check))) => {
                 self.found.enter(&mut self.account, index, check);

@@ -226,7 +226,7 @@ impl RecordedClaim {
             Err(found) if found.code == RefusalCode::NoVerifier => {
                 self.no_verifier(CheckKind::Refusals, &found)
             }
-            Err(found) => failed(&format!("verification says: {found}")),
+            Err(found) => failed(&format!("verification states: {found}")),
             Ok(_) => failed(&"verification finds nothing wrong with it"),
         }
     }
@@ -315,7 +315,7 @@ pub fn disputed(
         (None, None) => Check::Passed(CheckKind::Disputes),
         (None, Some(_)) => failed("the contribution verifies"),
         (Some(Some(found)), Some(reason)) if found == reason => Check::Passed(CheckKind::Disputes),
-        (Some(Some(found)), _) => failed(&format!("verification says: {found}")),
+        (Some(Some(found)), _) => failed(&format!("verification states: {found}")),
         (Some(None), _) => {
             let what =
                 format!("the contribution of entry {contribution}, which was not all verified");

@@ -229,7 +229,7 @@ pub fn is_wrong(error: &MirrorError) -> bool {
     }
 }
 
-/// Whether `error` says that something is wrong with the log, and not just that it cannot be read.
+/// Whether `error` states that something is wrong with the log, and not just that it cannot be read.
 pub fn is_fault(error: &anyhow::Error) -> bool {
     let mut causes = error.chain();
     causes.any(|cause| cause.downcast_ref::<MirrorError>().is_some_and(is_wrong))

@@ -339,7 +339,7 @@ async fn what_is_not_checked_is_counted_by_kind() -> Test {
     assert_eq!(left_out[&(CheckKind::Datasets, SkipReason::Light)], 2);
     assert_eq!(left_out[&(CheckKind::Policy, SkipReason::Light)], 1);
     assert_eq!(auditor.checked().refusals, 2, "proofs were looked at");
-    // The rules say that nobody contributed, so there is no average to leave out.
+    // The rules state that nobody contributed, so there is no average to leave out.
     assert!(!left_out.contains_key(&(CheckKind::Averages, SkipReason::Light)));
     // The evidence is gone. The report has one line for both refusals.
     fs::remove_file(Blobs::at(dir).path(&zk0_verifier::blob_digest(b"no proof")))?;
@@ -347,7 +347,7 @@ async fn what_is_not_checked_is_counted_by_kind() -> Test {
     replay(dir, None, &mut auditor);
     let lines = auditor.not_checked();
     let line = lines.iter().find(|line| line.what == CheckKind::Refusals);
-    let line = line.ok_or("nothing is said of refusals")?;
+    let line = line.ok_or("nothing is stated of refusals")?;
     assert_eq!((line.why, line.count), (SkipReason::NotAtHand, 2));
     assert!(
         line.to_string()
@@ -412,13 +412,13 @@ async fn a_dispute_is_decided_as_verification_says() -> Test {
         drop(ledger);
         let mut auditor = Auditor::new(Depth::Full);
         let report = replay(dir.path(), None, &mut auditor);
-        let said = report.findings.iter().any(|finding| {
+        let reported = report.findings.iter().any(|finding| {
             finding.index == Some(index)
                 && finding
                     .text
-                    .contains("verification says: this is not an SP1")
+                    .contains("verification states: this is not an SP1")
         });
-        assert_eq!(said, !holds, "{:?}", report.findings);
+        assert_eq!(reported, !holds, "{:?}", report.findings);
         assert_eq!(auditor.checked().disputes, u64::from(holds));
         // The audit runs in two parts, and the contribution is in the first part.
         let scratch = tempfile::tempdir()?;

@@ -36,7 +36,7 @@ async fn the_history_replays_and_refusals_are_found_to_be_right() -> Test {
         (2, 2, 0)
     );
 
-    // Without the evidence a refusal cannot be judged, and the report says so.
+    // Without the evidence a refusal cannot be judged, and the report states it.
     let proof = network
         .dir
         .path()
@@ -63,14 +63,14 @@ async fn an_audit_finds_what_a_dishonest_aggregator_records() -> Test {
     let cases: [(&str, fn(Signed<Submission>) -> Body); 3] = [
         ("was accepted, but", Body::ContributionAccepted),
         (
-            "verification says: this is not an SP1 compressed proof",
+            "verification states: this is not an SP1 compressed proof",
             |submission| Body::ContributionRejected {
                 submission,
                 reason: RefusalCode::InvalidProof,
             },
         ),
         (
-            "verification says: this is not an SP1 compressed proof",
+            "verification states: this is not an SP1 compressed proof",
             |submission| Body::ContributionRejected {
                 submission,
                 reason: RefusalCode::MalformedUpdate,

@@ -1,4 +1,4 @@
-//! What audits find, and what they say of it.
+//! What audits find, and what they state of it.
 
 mod behind;
 mod depths_and_threads;

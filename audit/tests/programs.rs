@@ -1,4 +1,4 @@
-//! An audit knows which program is in force at each entry, and says so of programs and proofs that it cannot vouch for.
+//! An audit knows which program is in force at each entry, and states it of programs and proofs that it cannot vouch for.
 
 use tempfile::TempDir;
 use zk0_audit::account::{CheckKind, NotChecked, SkipReason};
@@ -109,7 +109,7 @@ fn a_proof_counts_only_under_the_program_in_force() {
     let of_another_program = "the SP1 proof is of another program";
     // The program is right, and the proof is of another claim: that is as much as this test can have without a new proof.
     let of_this_program = "the SP1 proof does not prove this claim";
-    for (first, then, said) in [
+    for (first, then, reported) in [
         (&own, &other(), [of_this_program, of_another_program]),
         (&other(), &own, [of_another_program, of_this_program]),
     ] {
@@ -123,9 +123,11 @@ fn a_proof_counts_only_under_the_program_in_force() {
             let (report, _) = audit(&dir, depth, named(&[&other(), &own]));
             let faults = faults(&report);
             assert_eq!(faults.len(), 2, "{faults:?}");
-            for ((at, text), (entry, said)) in faults.iter().zip([before, after].iter().zip(said)) {
+            for ((at, text), (entry, reported)) in
+                faults.iter().zip([before, after].iter().zip(reported))
+            {
                 assert_eq!(*at, Some(*entry));
-                assert!(text.contains(said), "{text}");
+                assert!(text.contains(reported), "{text}");
             }
         }
     }
@@ -160,14 +162,14 @@ fn nobody_puts_a_program_in_force_in_a_round_or_holds_it_back() {
     operator.append(Body::RoundClosed(closed));
     let opening = operator.state().next_opening(operator.time_ms + 1);
     operator.forge(Body::RoundOpened(opening.unwrap()));
-    for (dir, said) in [
+    for (dir, reported) in [
         (early, "round 0 is still open"),
         (late, "proposal 0 has to be settled before a round opens"),
     ] {
         let (report, _) = audit(&dir, Depth::Full, named(&[&other()]));
         let faults = faults(&report);
         assert!(
-            matches!(faults[..], [(_, text)] if text.contains(said)),
+            matches!(faults[..], [(_, text)] if text.contains(reported)),
             "{faults:?}"
         );
     }

@@ -1,4 +1,4 @@
-//! A round starts from earlier weights if a vote says so, and only then: whoever replays the ledger sees it.
+//! A round starts from earlier weights if a vote states it, and only then: whoever replays the ledger sees it.
 
 use tempfile::TempDir;
 use zk0_audit::{Auditor, Depth};
@@ -28,7 +28,7 @@ fn audit(dir: &TempDir) -> ReplayReport {
     replay(dir.path(), None, &mut Auditor::new(Depth::Full))
 }
 
-/// An operator opens a round from the weights `seed`, whatever the rules say.
+/// An operator opens a round from the weights `seed`, whatever the rules state.
 fn opens_from(operator: Operator, seed: u32) {
     let mut opening = operator.state().next_opening(operator.time_ms + 1).unwrap();
     opening.base = digest(&weights(seed));

@@ -132,7 +132,7 @@ impl Accepted {
         .unwrap()
     }
 
-    /// What an audit says of a closing.
+    /// What an audit states of a closing.
     fn audited(&self, closed: &RoundClosed, depth: Depth) -> Check {
         let combined = Ok(Some(self.combined.clone()));
         let (state, blobs) = (self.operator.state(), self.operator.ledger.blobs());

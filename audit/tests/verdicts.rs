@@ -1,4 +1,4 @@
-//! An audit says VERIFIED only of what it has checked, with programs and parameters that the auditor knows.
+//! An audit states VERIFIED only of what it has checked, with programs and parameters that the auditor knows.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -69,7 +69,7 @@ fn founded(change: impl FnOnce(&mut Genesis)) -> TempDir {
     dir
 }
 
-fn says(report: &ReplayReport, words: &str) -> bool {
+fn reports(report: &ReplayReport, words: &str) -> bool {
     let mut findings = report.findings.iter();
     findings.any(|finding| finding.text.contains(words))
 }
@@ -83,7 +83,7 @@ fn another_program_is_a_fault_unless_the_auditor_names_it() {
     let theirs = founded(|genesis| genesis.program.clone_from(&program));
     let report = audit(theirs.path(), TrustedPrograms::default());
     assert_eq!(report.verdict, Verdict::Failed);
-    assert!(says(&report, &format!("--program {}", "07".repeat(32))));
+    assert!(reports(&report, &format!("--program {}", "07".repeat(32))));
     let named = |program| TrustedPrograms {
         programs: [program].into(),
         ..TrustedPrograms::default()
@@ -114,7 +114,7 @@ fn an_evaluation_of_others_is_not_called_verified_unless_the_auditor_names_it() 
     ] {
         let report = audit(dir.path(), TrustedPrograms::default());
         assert_eq!(report.verdict, expected, "{:?}", report.findings);
-        assert!(says(&report, &format!("--evaluation {digest}")));
+        assert!(reports(&report, &format!("--evaluation {digest}")));
         let named = TrustedPrograms {
             evaluations: [digest].into(),
             ..TrustedPrograms::default()
@@ -140,7 +140,7 @@ fn what_one_audit_names_does_not_go_over_to_the_next() {
     assert!(auditor(&named).go_on(&saved, &blobs).is_ok());
 }
 
-/// The genesis names the file of the initial weights, and says of it that it holds other numbers. What the guest reads would be other
+/// The genesis names the file of the initial weights, and states of it that it holds other numbers. What the guest reads would be other
 /// weights than those which the nodes train and the auditors see.
 #[test]
 fn base_weights_that_hold_other_numbers_are_a_fault() {
@@ -229,13 +229,13 @@ fn a_blob_that_cannot_be_read_gives_no_verdict_and_none_is_remembered() {
         fs::remove_file(&blob).unwrap();
         fs::create_dir(&blob).unwrap();
         let error = audit.run(copy.path()).unwrap_err();
-        let said = error.to_string();
-        assert!(said.contains("there is no verdict"), "{said}");
-        assert!(said.contains(blob.to_str().unwrap()), "{said}");
-        assert!(!is_fault(&error) && !state.exists(), "{said}");
+        let reported = error.to_string();
+        assert!(reported.contains("there is no verdict"), "{reported}");
+        assert!(reported.contains(blob.to_str().unwrap()), "{reported}");
+        assert!(!is_fault(&error) && !state.exists(), "{reported}");
         if blob == update {
             assert!(verified_entries(copy.path()).is_err());
-            // A fault elsewhere is said all the same.
+            // A fault elsewhere is stated all the same.
             let right = fs::read(&policy).unwrap();
             fs::write(&policy, flipped(&right)).unwrap();
             let audited = audit.run(copy.path()).unwrap();
@@ -275,12 +275,12 @@ fn a_damaged_blob_of_a_copy_is_fetched_again_before_anybody_judges() {
     fs::write(&proof, flipped(&whole)).unwrap();
     let audited = of(None, None).run(mirror.path()).unwrap();
     assert_eq!(audited.verdict, Verdict::Failed, "{:?}", audited.findings);
-    // A disk that damages the blob again says nothing about the ledger.
+    // A disk that damages the blob again states nothing about the ledger.
     let damages = || -> anyhow::Result<()> { Ok(fs::write(&proof, flipped(&whole))?) };
     let error = of(None, Some(&damages)).run(mirror.path()).unwrap_err();
     assert!(error.to_string().contains("there is no verdict"), "{error}");
     assert!(!is_fault(&error));
-    // A fault elsewhere is said, also when nothing can be fetched.
+    // A fault elsewhere is stated, also when nothing can be fetched.
     let away = || -> anyhow::Result<()> { anyhow::bail!("the log gives no answer") };
     fs::write(&proof, flipped(&whole)).unwrap();
     let error = of(None, Some(&away)).run(mirror.path()).unwrap_err();
@@ -340,7 +340,7 @@ fn what_was_found_about_a_missing_or_damaged_blob_is_not_final() {
     ));
     assert_eq!(without_policy(longer.path()), Verdict::Incomplete);
     let rolled_back = run(founded(|_| ()).path());
-    assert!(says(&rolled_back.report, "ROLLED BACK"));
+    assert!(reports(&rolled_back.report, "ROLLED BACK"));
 }
 
 #[test]
@@ -358,9 +358,9 @@ fn an_import_that_was_killed_is_no_fault_of_the_ledger() {
     fs::copy(folder::checkpoint(copy.path()), folder::checkpoint(&dir)).unwrap();
     let audited = of(None, None).run(&dir).unwrap();
     assert_eq!(audited.verdict, Verdict::Failed);
-    // Entries without a checkpoint may be tampering, too. The report says what to do with a copy.
+    // Entries without a checkpoint may be tampering, too. The report states what to do with a copy.
     fs::remove_file(folder::checkpoint(copy.path())).unwrap();
     let audited = of(None, None).run(copy.path()).unwrap();
     assert_eq!(audited.verdict, Verdict::Failed);
-    assert!(says(&audited.report, "zk0 ledger import"));
+    assert!(reports(&audited.report, "zk0 ledger import"));
 }

@@ -44,7 +44,8 @@ impl Bucket {
             // A copy only grows.
             if found.is_some_and(|found| found > size) || Instant::now() > until {
                 let found = found.map_or("nothing".into(), |found| format!("{found} bytes"));
-                let why = format!("it says that it has copied {size} bytes, and there is {found}");
+                let why =
+                    format!("it states that it has copied {size} bytes, and there is {found}");
                 return Err(self.objects.error(what, why));
             }
             sleep(APART);

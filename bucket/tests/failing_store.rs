@@ -55,10 +55,10 @@ fn a_store_that_stays_unavailable_keeps_nothing_and_says_so() {
         let begun = Instant::now();
         let failed = blobs.put(&bytes).unwrap_err();
         assert!(matches!(failed, BlobError::Store(_)), "{failed}");
-        let said = failed.to_string();
+        let reported = failed.to_string();
         let expected = format!("the blob store {} failed: storing blob", s3.address("net"));
-        assert!(said.starts_with(&expected), "{said}");
-        assert!(said.contains("503"), "{said}");
+        assert!(reported.starts_with(&expected), "{reported}");
+        assert!(reported.contains("503"), "{reported}");
         assert!(
             begun.elapsed() < Duration::from_secs(20),
             "{:?}",

@@ -114,7 +114,7 @@ fn what_was_only_in_the_folder_is_put_into_the_store() {
     });
 }
 
-/// What is wrong with what the store gives is said, and nothing of it is kept.
+/// What is wrong with what the store gives is stated, and nothing of it is kept.
 #[test]
 fn altered_bytes_are_refused_by_name() {
     with_stores(|open, inside| {
@@ -129,13 +129,16 @@ fn altered_bytes_are_refused_by_name() {
         let refused = |words: &str| {
             let failed = blobs.get(&blob, LIMIT).unwrap_err();
             assert!(matches!(failed, BlobError::Altered { .. }), "{failed}");
-            let said = failed.to_string();
+            let reported = failed.to_string();
             assert!(
-                said.contains(&format!("does not hold blob {blob}")),
-                "{said}"
+                reported.contains(&format!("does not hold blob {blob}")),
+                "{reported}"
             );
-            assert!(said.contains(blobs.store_address().unwrap()), "{said}");
-            assert!(said.contains(words), "{said}");
+            assert!(
+                reported.contains(blobs.store_address().unwrap()),
+                "{reported}"
+            );
+            assert!(reported.contains(words), "{reported}");
             assert_eq!(held(dir.path()), 0);
         };
         let mut other = bytes.clone();

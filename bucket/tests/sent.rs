@@ -99,7 +99,7 @@ fn what_a_node_has_put_there_becomes_a_blob_and_is_not_sent_again() {
             kept.staged().get(&blob_digest(&bytes), 1 << 30).unwrap(),
             bytes
         );
-        // It is under no name of a blob before somebody says so.
+        // It is under no name of a blob before somebody states it.
         assert!(!kept.s3.file("net", blob_digest(&bytes)).exists());
         assert_eq!(kept.unverified(), 1);
         assert!(kept.linked(&bytes) == bytes);
@@ -208,7 +208,7 @@ fn a_copy_that_is_only_said_to_be_made_is_none() {
         .fail_next(to_copies, Fault::Claimed(None), 1);
     let failed = kept.take(b"update").unwrap_err().to_string();
     assert!(
-        failed.contains("it says that it has copied 6 bytes, and there is nothing"),
+        failed.contains("it states that it has copied 6 bytes, and there is nothing"),
         "{failed}"
     );
     // What the node has put there stays.
@@ -323,7 +323,7 @@ fn a_copy_that_is_lost_costs_one_more_transfer() {
     assert_eq!(kept.unverified(), 0);
 }
 
-/// A store that copies slowly says that a copy is made while it still has another one under that name.
+/// A store that copies slowly states that a copy is made while it still has another one under that name.
 #[test]
 fn a_copy_of_an_earlier_run_is_not_taken_for_a_new_one() {
     let Some(kept) = Kept::new() else { return };

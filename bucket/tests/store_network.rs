@@ -29,8 +29,11 @@ fn the_first_name_stays(address: &str, variables: &[(String, String)], root: &Pa
         fs::write(&named, wrong).unwrap();
         let refused = ours.network().unwrap_err();
         assert_eq!(theirs.name_network(&first).unwrap_err(), refused);
-        let said = refused.to_string();
-        assert!(said.contains("does not hold the id of a network"), "{said}");
+        let reported = refused.to_string();
+        assert!(
+            reported.contains("does not hold the id of a network"),
+            "{reported}"
+        );
     }
 }
 

@@ -2,10 +2,10 @@
 //!
 //! A short tour, from the top down. Each folder uses only those below it.
 //!
-//! - [`claim`]: what a proof says. [`Claim`] is the public values of a proof: the [`Terms`] that the ledger fixes, and the
+//! - [`claim`]: what a proof states. [`Claim`] is the public values of a proof: the [`Terms`] that the ledger fixes, and the
 //!   losses. [`PrivateInput`] is what only the prover sees. [`claim::statement`] checks the private input and returns the
 //!   claim; the guest program of mode `direct` runs [`claim::statement::check`], and nothing else.
-//!   [`claim::dataset`] says what a node commits to before a round, and [`claim::challenge`] draws from it.
+//!   [`claim::dataset`] states what a node commits to before a round, and [`claim::challenge`] draws from it.
 //!   [`claim::program`] holds the verifying keys of the guest programs.
 //! - [`model`]: the evaluation. [`model::spec`] fixes dimensions and scales, [`model::quantise`] makes int16 of f32, and
 //!   [`model::eval`] computes the loss of [`QuantisedWeights`] on a [`Sample`]. [`model::multiply`] computes the

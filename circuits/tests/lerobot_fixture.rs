@@ -130,7 +130,7 @@ fn velocity_and_loss_agree_with_lerobot() {
         }
         let sum = evaluate(&spec, &quantised, &fixed_sample, &draw, Overflow::Refused).unwrap();
         let loss = sum.squared_error as f64 / (scale as f64).powi(2) / sum.elements as f64;
-        // If the fixture says so, LeRobot's value is a mean that includes the padded action dimensions of the batch.
+        // If the fixture states it, LeRobot's value is a mean that includes the padded action dimensions of the batch.
         let relative = (loss / expected_loss[sample] as f64 - 1.0).abs();
         println!("sample {sample}: v_t within {worst:.5}; loss {loss:.6}, LeRobot {:.6}: fidelity {relative:.2e}", expected_loss[sample]);
         assert!(worst < 0.02, "v_t off by {worst}");

@@ -195,7 +195,7 @@ fn unusable_samples_are_refused_by_part() {
         .unwrap_err()
         .to_string()
     };
-    let said = [
+    let reported = [
         refuse(&|parts| parts.actions[3] = f32::NAN),
         refuse(&|parts| parts.actions[3] = 16.5),
         refuse(&|parts| parts.cache[1].0[3] = 1e9),
@@ -215,7 +215,7 @@ fn unusable_samples_are_refused_by_part() {
                 .for_each(|(k, v)| (k.resize(14 * 8, 0.0), v.resize(14 * 8, 0.0)).0)
         }),
     ];
-    for (said, part) in said.iter().zip([
+    for (reported, part) in reported.iter().zip([
         "actions[3]",
         "actions[3]",
         "keys of layer 1[3]",
@@ -225,7 +225,10 @@ fn unusable_samples_are_refused_by_part() {
         "prefix",
         "prefix",
     ]) {
-        assert!(said.contains(part), "'{said}' does not name '{part}'");
+        assert!(
+            reported.contains(part),
+            "'{reported}' does not name '{part}'"
+        );
     }
 }
 

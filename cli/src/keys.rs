@@ -124,14 +124,14 @@ mod tests {
         for mode in [0o100600, 0o100400, 0o100700, 0o100611] {
             assert_eq!(warning(mode), None, "{mode:o}");
         }
-        for (mode, says) in [
+        for (mode, reports) in [
             (0o100644, "all users of this machine"),
             (0o100604, "(mode 604)"),
             (0o100640, "its group"),
             (0o100440, "(mode 440)"),
         ] {
             let warning = warning(mode).unwrap();
-            assert!(warning.contains(says), "{warning}");
+            assert!(warning.contains(reports), "{warning}");
             assert!(warning.contains("`chmod 600 log.key`"), "{warning}");
         }
     }

@@ -67,15 +67,15 @@ pub fn init(format: LogFormat, traces: Option<impl Layer<Registry> + Send + Sync
 
 /// An error and its causes, as `{:#}`, without repetitions: many errors contain their cause.
 pub fn with_causes(error: &anyhow::Error) -> String {
-    let mut said = String::new();
+    let mut reported = String::new();
     for cause in error.chain().map(ToString::to_string) {
-        match said.as_str() {
-            "" => said = cause,
+        match reported.as_str() {
+            "" => reported = cause,
             so_far if so_far.contains(&cause) => {}
-            _ => said = format!("{said}: {cause}"),
+            _ => reported = format!("{reported}: {cause}"),
         }
     }
-    said
+    reported
 }
 
 /// One progress event.

@@ -108,11 +108,11 @@ fn main() -> ExitCode {
     match traced(&cli).and_then(|code| output::finish().map(|()| code)) {
         Ok(code) => code,
         Err(error) => {
-            let said = logging::with_causes(&error);
+            let reported = logging::with_causes(&error);
             match cli.log {
                 // JSON readers need the reason, too.
-                logging::LogFormat::Json => tracing::error!("{said}"),
-                logging::LogFormat::Text => output::tell(format_args!("error: {said}\n")),
+                logging::LogFormat::Json => tracing::error!("{reported}"),
+                logging::LogFormat::Text => output::tell(format_args!("error: {reported}\n")),
             }
             match &cli.command {
                 Command::Audit(command) => command.error_code(&error),

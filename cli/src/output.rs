@@ -10,7 +10,7 @@ use std::sync::OnceLock;
 static LOST: OnceLock<io::Error> = OnceLock::new();
 
 /// Writes to standard output.
-pub fn say(text: Arguments<'_>) {
+pub fn show(text: Arguments<'_>) {
     keep(anstream::stdout().write_fmt(text));
 }
 
@@ -22,7 +22,7 @@ pub fn tell(text: Arguments<'_>) {
 /// Ends the output of a command.
 ///
 /// # Errors
-/// Output of [`say`] is not written.
+/// Output of [`show`] is not written.
 pub fn finish() -> Result<()> {
     keep(io::stdout().flush());
     match LOST.get() {
@@ -42,16 +42,16 @@ fn keep(written: io::Result<()>) {
 
 macro_rules! say_text {
     ($($arg:tt)*) => {
-        $crate::output::say(format_args!($($arg)*))
+        $crate::output::show(format_args!($($arg)*))
     };
 }
 
 macro_rules! say_line {
     () => {
-        $crate::output::say(format_args!("\n"))
+        $crate::output::show(format_args!("\n"))
     };
     ($($arg:tt)*) => {
-        $crate::output::say(format_args!("{}\n", format_args!($($arg)*)))
+        $crate::output::show(format_args!("{}\n", format_args!($($arg)*)))
     };
 }
 

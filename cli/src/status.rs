@@ -265,13 +265,13 @@ impl StatusView {
         ));
         lines.push(match now.disk_free_percent {
             Some(percent) => format!("disk         {percent} % free"),
-            None => "disk         the system does not say how full it is".into(),
+            None => "disk         the system does not state how full it is".into(),
         });
         match now.blob_store_failing_ms {
             None => {}
             Some(0) => lines.push("blob store   answered last time".into()),
             Some(ms) => lines.push(format!(
-                "blob store   has failed for {}; the aggregator's log says why",
+                "blob store   has failed for {}; the aggregator's log states why",
                 duration(ms)
             )),
         }

@@ -17,7 +17,7 @@ fn registration(network: &LocalNetwork) -> usize {
     found.unwrap().0
 }
 
-/// What the command prints, and says as an error, when it ends with `code`.
+/// What the command prints, and states as an error, when it ends with `code`.
 fn compared(
     network: &LocalNetwork,
     code: i32,
@@ -51,17 +51,18 @@ fn an_auditor_with_the_recording_finds_the_registered_samples() {
     network.found(&["--min-dataset-samples", "20", "--evaluation-frames", "30"]);
     network.joins(0, &[]);
     let (entry, secret) = (registration(&network), network.path("state/secret"));
-    let said = compared(&network, 0, entry, RECORDING, &secret);
+    let reported = compared(&network, 0, entry, RECORDING, &secret);
     assert!(
-        said.contains("VERIFIED") && said.contains("all 30 drawn frames"),
-        "{said}"
+        reported.contains("VERIFIED") && reported.contains("all 30 drawn frames"),
+        "{reported}"
     );
 
     let other = "tests/fixtures/datasets/so100_stacking";
-    let said = compared(&network, 1, entry, other, &secret);
+    let reported = compared(&network, 1, entry, other, &secret);
     assert!(
-        said.contains("FAILED") && said.contains("6 registered episodes are not in the recording"),
-        "{said}"
+        reported.contains("FAILED")
+            && reported.contains("6 registered episodes are not in the recording"),
+        "{reported}"
     );
     // The node has shown the auditor other pictures than it committed to. The motion is the same, and so are the episodes.
     let changed = PathBuf::from(network.path("changed"));
@@ -72,34 +73,37 @@ fn an_auditor_with_the_recording_finds_the_registered_samples() {
         changed.join(video("wrist")),
     )
     .unwrap();
-    let said = compared(&network, 1, entry, changed.to_str().unwrap(), &secret);
+    let reported = compared(&network, 1, entry, changed.to_str().unwrap(), &secret);
     assert!(
-        said.contains("30 of 30 drawn frames give other samples"),
-        "{said}"
+        reported.contains("30 of 30 drawn frames give other samples"),
+        "{reported}"
     );
-    assert!(said.contains("another kind of CPU"), "{said}");
+    assert!(reported.contains("another kind of CPU"), "{reported}");
 
     let forged = network.path("forged");
     let mut other = Secrets::default();
     other.add(RegistrationSecret::new([7; 32]));
     fs::write(&forged, other.encode()).unwrap();
-    let said = compared(&network, 1, entry, RECORDING, &forged);
-    assert!(said.contains("did not commit with a secret in"), "{said}");
-    fs::write(&forged, &other.encode()[..70]).unwrap();
-    let said = compared(&network, 2, entry, RECORDING, &forged);
-    assert!(said.contains("its checksum is wrong"), "{said}");
-    let said = compared(&network, 2, 0, RECORDING, &secret);
+    let reported = compared(&network, 1, entry, RECORDING, &forged);
     assert!(
-        said.contains("entry 0 does not register a dataset"),
-        "{said}"
+        reported.contains("did not commit with a secret in"),
+        "{reported}"
     );
-    let said = compared(&network, 2, 99, RECORDING, &secret);
-    assert!(said.contains("there is no entry 99"), "{said}");
-    let said = compared(&network, 2, entry, "no-such-recording", &secret);
-    assert!(said.contains("there is no such folder"), "{said}");
+    fs::write(&forged, &other.encode()[..70]).unwrap();
+    let reported = compared(&network, 2, entry, RECORDING, &forged);
+    assert!(reported.contains("its checksum is wrong"), "{reported}");
+    let reported = compared(&network, 2, 0, RECORDING, &secret);
+    assert!(
+        reported.contains("entry 0 does not register a dataset"),
+        "{reported}"
+    );
+    let reported = compared(&network, 2, 99, RECORDING, &secret);
+    assert!(reported.contains("there is no entry 99"), "{reported}");
+    let reported = compared(&network, 2, entry, "no-such-recording", &secret);
+    assert!(reported.contains("there is no such folder"), "{reported}");
 }
 
-/// A damaged blob of the auditor's own copy says nothing about the ledger.
+/// A damaged blob of the auditor's own copy states nothing about the ledger.
 #[test]
 fn a_damaged_blob_of_the_auditors_copy_is_fetched_again() {
     let network = LocalNetwork::new();
@@ -118,8 +122,8 @@ fn a_damaged_blob_of_the_auditors_copy_is_fetched_again() {
         &secret,
     ];
     let compared = |code| compared_with(&[&export, "--mirror", &mirror], code, &of);
-    let said = compared(0);
-    assert!(said.contains("VERIFIED"), "{said}");
+    let reported = compared(0);
+    assert!(reported.contains("VERIFIED"), "{reported}");
     let Body::DatasetCommitted(registered) = &network.entries()[entry].body else {
         unreachable!()
     };
@@ -132,14 +136,17 @@ fn a_damaged_blob_of_the_auditors_copy_is_fetched_again() {
     let mut changed = whole.clone();
     changed[0] ^= 1;
     fs::write(&leaves, &changed).unwrap();
-    let said = compared(0);
-    assert!(said.contains("is damaged, and is fetched again"), "{said}");
+    let reported = compared(0);
+    assert!(
+        reported.contains("is damaged, and is fetched again"),
+        "{reported}"
+    );
     assert_eq!(fs::read(&leaves).unwrap(), whole);
     // Whoever serves the damaged blob is at fault.
     fs::write(&leaves, &changed).unwrap();
     fs::write(of_folder(&export), &changed).unwrap();
-    let said = compared(1);
-    assert!(said.contains("SHA-256"), "{said}");
+    let reported = compared(1);
+    assert!(reported.contains("SHA-256"), "{reported}");
 }
 
 #[test]
@@ -168,13 +175,13 @@ fn a_restarted_node_keeps_its_evaluation_set() {
     assert_eq!(samples(), first, "samples were made again");
     assert_eq!(network.entries().len(), before, "it was registered again");
 
-    // What the node has registered decides how many frames it draws, not what the rules say by now.
+    // What the node has registered decides how many frames it draws, not what the rules state by now.
     let kept = network.path("state/registration");
     fs::write(&kept, b"something else").unwrap();
-    let said = logged(&network.join(0, &[]));
+    let reported = logged(&network.join(0, &[]));
     assert!(
-        said.contains("registration is not what this node wrote there"),
-        "{said}"
+        reported.contains("registration is not what this node wrote there"),
+        "{reported}"
     );
     fs::remove_file(&kept).unwrap();
     network.joins(0, &[]);

@@ -44,10 +44,10 @@ fn a_recording_that_is_not_there_founds_nothing() {
     let key = dir.path().join("log.key");
     ends(0, zk0(&["aggregator", "keygen", key.to_str().unwrap()]));
     let refused = found(dir.path(), "ledger", &["--calibrate", "no/such/recording"]);
-    let said = logged(&ends(1, refused));
+    let reported = logged(&ends(1, refused));
     assert!(
-        said.contains("error: no/such/recording: no such folder"),
-        "{said}"
+        reported.contains("error: no/such/recording: no such folder"),
+        "{reported}"
     );
     assert!(!dir.path().join("ledger").exists());
 }

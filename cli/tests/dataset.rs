@@ -12,7 +12,7 @@ fn zk0(arguments: &[&str]) -> Command {
     command
 }
 
-fn said(output: &Output) -> String {
+fn reported(output: &Output) -> String {
     printed(output) + &logged(output)
 }
 
@@ -21,7 +21,7 @@ fn inspect_shows_what_a_recording_holds() {
     let shown = zk0(&["dataset", "inspect", "so100_pickplace_v21"])
         .output()
         .unwrap();
-    let text = said(&shown);
+    let text = reported(&shown);
     assert!(shown.status.success(), "{text}");
     for line in [
         "format     LeRobotDataset v2.1",
@@ -157,14 +157,14 @@ fn a_hub_that_cannot_be_reached_is_said_so() {
         .env("HF_HOME", home.path())
         .output()
         .unwrap();
-    let text = said(&failed);
+    let text = reported(&failed);
     assert_eq!(failed.status.code(), Some(1), "{text}");
     assert!(
         text.contains("robots/so100@main: http://127.0.0.1:1 cannot be asked"),
         "{text}"
     );
     let failed = zk0(&["dataset", "validate", "hub:so100"]).output().unwrap();
-    assert!(said(&failed).contains("write owner/name or owner/name@revision"));
+    assert!(reported(&failed).contains("write owner/name or owner/name@revision"));
     assert_eq!(failed.status.code(), Some(1));
 }
 
@@ -210,7 +210,7 @@ fn episodes_that_are_not_whole_or_there_twice_are_named() {
         .args(["--dataset", dropped, "--whole-recordings"])
         .output()
         .unwrap();
-    let text = said(&refused);
+    let text = reported(&refused);
     assert!(!refused.status.success(), "{text}");
     assert!(
         text.contains(left_out) && text.contains("--whole-recordings"),
@@ -245,10 +245,10 @@ fn where_no_episode_was_finished_it_has_to_be_recorded_again() {
     let recover = ["dataset", "recover", ended, "--out", out];
     for arguments in [&["dataset", "validate", ended][..], &recover] {
         let failed = zk0(arguments).output().unwrap();
-        let text = said(&failed);
+        let text = reported(&failed);
         assert_eq!(failed.status.code(), Some(1), "{text}");
-        let says = format!("{ended}: no episode was finished before the recording ended");
-        assert!(text.contains(&says), "{text}");
+        let reports = format!("{ended}: no episode was finished before the recording ended");
+        assert!(text.contains(&reports), "{text}");
         assert!(text.contains(": record again\n"), "{text}");
     }
 }

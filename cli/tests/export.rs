@@ -44,8 +44,11 @@ fn a_rounds_policy_is_exported_and_a_changed_one_is_not_believed() {
     let export = [
         "export", "lerobot", &ledger, "--round", "1", "--policy", &policy, "--out", &out,
     ];
-    let said = prints(&export);
-    assert!(said.contains("round        1, closed by entry"), "{said}");
+    let reported = prints(&export);
+    assert!(
+        reported.contains("round        1, closed by entry"),
+        "{reported}"
+    );
 
     PolicyFolder::open(&out).unwrap();
     let receipt: Value =
@@ -57,19 +60,19 @@ fn a_rounds_policy_is_exported_and_a_changed_one_is_not_believed() {
     assert!(blob.exists());
     let key = prints(&["ledger", "vkey", &ledger]);
     let proof = Path::new(&out).join("receipt.tlog-proof");
-    let said = prints(&[
+    let reported = prints(&[
         "audit",
         "verify-proof",
         proof.to_str().unwrap(),
         "--log-key",
         key.trim(),
     ]);
-    assert!(said.contains("round 1 closed"), "{said}");
-    let said = prints(&["export", "check", &out, &ledger]);
-    assert!(said.contains("VERIFIED"), "{said}");
+    assert!(reported.contains("round 1 closed"), "{reported}");
+    let reported = prints(&["export", "check", &out, &ledger]);
+    assert!(reported.contains("VERIFIED"), "{reported}");
     assert!(fails(&export).contains("exists already"));
 
-    // The report says whether rollouts are of a policy of this ledger.
+    // The report states whether rollouts are of a policy of this ledger.
     let page = report(&network, &receipt);
     assert!(
         page.contains("the ledger&#39;s weights after that round"),
@@ -91,12 +94,12 @@ fn a_rounds_policy_is_exported_and_a_changed_one_is_not_believed() {
     let weights = Path::new(&out).join("model.safetensors");
     let source = fs::read(Path::new(&policy).join("model.safetensors")).unwrap();
     fs::write(&weights, &source).unwrap();
-    let said = refuses(&out, &ledger);
+    let reported = refuses(&out, &ledger);
     assert!(
-        said.contains("the file model.safetensors is not the one that the receipt names"),
-        "{said}"
+        reported.contains("the file model.safetensors is not the one that the receipt names"),
+        "{reported}"
     );
-    assert!(said.contains("is not that of the round"), "{said}");
+    assert!(reported.contains("is not that of the round"), "{reported}");
 
     // A receipt of another round.
     let (copy, other) = (
@@ -108,8 +111,8 @@ fn a_rounds_policy_is_exported_and_a_changed_one_is_not_believed() {
     ];
     prints(&again);
     fs::write(Path::new(&copy).join("receipt.json"), other).unwrap();
-    let said = refuses(&copy, &ledger);
-    assert!(said.contains("the receipt says entry"), "{said}");
+    let reported = refuses(&copy, &ledger);
+    assert!(reported.contains("the receipt states entry"), "{reported}");
 
     let late = [
         "export", "lerobot", &ledger, "--round", "7", "--policy", &policy, "--out", "never",
@@ -127,10 +130,10 @@ fn a_policy_without_statistics_is_exported_with_those_of_a_recording() {
         let file = file.unwrap();
         fs::copy(file.path(), Path::new(&policy).join(file.file_name())).unwrap();
     }
-    let said = logs(&words(&sources.founding(&["--policy", &policy])));
+    let reported = logs(&words(&sources.founding(&["--policy", &policy])));
     assert!(
-        said.contains("so100.buffer.action") && said.contains("--statistics-of"),
-        "{said}"
+        reported.contains("so100.buffer.action") && reported.contains("--statistics-of"),
+        "{reported}"
     );
 
     let network = two_rounds(&policy);
@@ -138,18 +141,18 @@ fn a_policy_without_statistics_is_exported_with_those_of_a_recording() {
     let export = [
         "export", "lerobot", &ledger, "--round", "1", "--policy", &policy, "--out", &out,
     ];
-    let said = fails(&export);
+    let reported = fails(&export);
     assert!(
-        said.contains("so100.buffer.action") && said.contains("--statistics-of"),
-        "{said}"
+        reported.contains("so100.buffer.action") && reported.contains("--statistics-of"),
+        "{reported}"
     );
     assert!(!Path::new(&out).exists());
     prints(&[&export[..], &["--statistics-of", RECORDING]].concat());
     let found = PolicyFolder::open(&out).unwrap().stats().unwrap();
     let recorded = Dataset::open(root().join(RECORDING)).unwrap();
     assert_eq!(found.as_ref(), Some(recorded.stats()));
-    let said = prints(&["export", "check", &out, &ledger]);
-    assert!(said.contains("VERIFIED"), "{said}");
+    let reported = prints(&["export", "check", &out, &ledger]);
+    assert!(reported.contains("VERIFIED"), "{reported}");
 }
 
 /// The report of an audit, with rollouts of a policy that has this receipt.

@@ -85,8 +85,8 @@ fn rates_follow_the_losses_from_start_to_start() {
     network.found_with_short_rounds();
     let follow = [&TRAINING[..], &["--follow-losses"]].concat();
     // Nobody's proof is accepted, so the base weights stay and their loss stalls.
-    let said = network.joins(2, &follow);
-    assert!(said.contains("too early for a trend"), "{said}");
+    let reported = network.joins(2, &follow);
+    assert!(reported.contains("too early for a trend"), "{reported}");
     let file = network.policy();
     let samples = network.samples(&file);
     let (config, _, start) = base(&network, &file);
@@ -109,10 +109,10 @@ fn rates_follow_the_losses_from_start_to_start() {
         assert!(update(&network, round) == expected, "round {round}");
     }
 
-    let said = network.joins(1, &follow);
+    let reported = network.joins(1, &follow);
     assert!(
-        said.contains("stalled: mu 4.000e-1, learning rate 4.000e-4"),
-        "{said}"
+        reported.contains("stalled: mu 4.000e-1, learning rate 4.000e-4"),
+        "{reported}"
     );
     let lower = trained(&network, &file, 2, MU * 0.8, LEARNING_RATE * 0.8);
     assert!(
@@ -122,17 +122,17 @@ fn rates_follow_the_losses_from_start_to_start() {
     assert!(lower != trained(&network, &file, 2, MU * 0.8, LEARNING_RATE));
     assert!(lower != trained(&network, &file, 2, MU, LEARNING_RATE * 0.8));
 
-    // The file now says that the base weights were five times better until now.
+    // The file now states that the base weights were five times better until now.
     let mut past = losses(&network);
     for round in past["rounds"].as_array_mut().unwrap() {
         round["loss"] = json!(loss / 5.0);
     }
     fs::write(network.path("state/base-losses.json"), past.to_string()).unwrap();
     let boost = [&follow[..], &["--lr-boost", "1.5"]].concat();
-    let said = network.joins(1, &boost);
+    let reported = network.joins(1, &boost);
     assert!(
-        said.contains("diverging") && said.contains("so the learning rate times 1.5"),
-        "{said}"
+        reported.contains("diverging") && reported.contains("so the learning rate times 1.5"),
+        "{reported}"
     );
     let raised = LEARNING_RATE * 0.8 * 1.1 * 1.5;
     let expected = trained(&network, &file, 3, MU * 0.8 * 1.1, raised);

@@ -32,7 +32,7 @@ fn founded() -> LocalNetwork {
     network
 }
 
-/// Reads the log of a node until a part of this phase is done. Returns the phases before it, and what the event says.
+/// Reads the log of a node until a part of this phase is done. Returns the phases before it, and what the event states.
 fn until(node: &mut Child, phase: &str) -> (Vec<String>, Value) {
     let mut before = vec![];
     for line in BufReader::new(node.stderr.take().unwrap()).lines() {
@@ -109,13 +109,13 @@ fn an_interrupted_node_leaves_nothing_behind_and_goes_on_with_its_update() {
         assert!(left.iter().all(|name| known(name)), "{left:?}");
         zk0(&join).output().unwrap()
     });
-    let said = logged(&ended);
-    assert!(ended.status.success(), "{said}");
+    let reported = logged(&ended);
+    assert!(ended.status.success(), "{reported}");
     assert!(
-        said.contains("goes on with the update that it has trained"),
-        "{said}"
+        reported.contains("goes on with the update that it has trained"),
+        "{reported}"
     );
-    assert!(!said.contains("training 200 steps"), "{said}");
+    assert!(!reported.contains("training 200 steps"), "{reported}");
     // The aggregator got a claim about the update of the first start. The prover of this test makes no proofs.
     let entries = network.entries();
     let count = |of: fn(&Body) -> bool| entries.iter().filter(|entry| of(&entry.body)).count();
@@ -123,7 +123,7 @@ fn an_interrupted_node_leaves_nothing_behind_and_goes_on_with_its_update() {
     assert_eq!(
         count(|body| matches!(body, Body::ContributionRejected { .. })),
         1,
-        "{said}"
+        "{reported}"
     );
     let left = files(Path::new(&state));
     let unfinished = |name: &&String| name.starts_with("unfinished");

@@ -14,15 +14,15 @@ use std::path::{Path, PathBuf};
 use zk0_ledger::{Blobs, Ledger};
 use zk0_protocol::tlog::cosigner::Cosigner;
 
-/// Runs a command that has to fail, and to say `words`.
+/// Runs a command that has to fail, and to state `words`.
 #[track_caller]
 fn fails(arguments: &[&str], words: &str) {
     let output = ends(1, zk0(arguments));
-    let said = printed(&output) + &logged(&output);
-    assert!(said.contains(words), "{said}");
+    let reported = printed(&output) + &logged(&output);
+    assert!(reported.contains(words), "{reported}");
 }
 
-/// What an audit says, without the notes.
+/// What an audit states, without the notes.
 fn audit(ledger: &str) -> serde_json::Value {
     harness::json(&["audit", "replay", ledger, "--json"])
 }
@@ -32,8 +32,8 @@ fn an_audit_says_the_same_wherever_the_ledger_is_read() {
     let scratch = tempfile::tempdir().unwrap();
     let (out, mirror) = (scratch.path().join("out"), scratch.path().join("mirror"));
     let original = audit(LEDGER);
-    let said = prints(&["ledger", "export", LEDGER, text(&out)]);
-    assert!(said.contains("entries published"), "{said}");
+    let reported = prints(&["ledger", "export", LEDGER, text(&out)]);
+    assert!(reported.contains("entries published"), "{reported}");
     assert_eq!(audit(text(&out)), original);
     fails(&["ledger", "fsck", text(&out)], "is an export");
     let nowhere = out.join("nowhere");
@@ -56,8 +56,8 @@ fn an_audit_says_the_same_wherever_the_ledger_is_read() {
     prints(&["ledger", "fsck", text(&mirror)]);
     let other = "00".repeat(32);
     let ours = zk0(&["audit", "replay", text(&out), "--network", &other]);
-    let said = logged(&ends(2, ours));
-    assert!(said.contains("of network"), "{said}");
+    let reported = logged(&ends(2, ours));
+    assert!(reported.contains("of network"), "{reported}");
     // One blob on disk is changed.
     let blob = fs::read_dir(mirror.join("blobs/sha256"))
         .unwrap()
@@ -69,14 +69,17 @@ fn an_audit_says_the_same_wherever_the_ledger_is_read() {
     // An import that checks what is there fetches it again.
     prints(&import);
     fails(&["ledger", "fsck", text(&mirror)], "SHA-256");
-    let said = prints(&[&import[..], &["--check"]].concat());
+    let reported = prints(&[&import[..], &["--check"]].concat());
     assert!(
-        said.contains("1 blob was damaged; 1 fetched again"),
-        "{said}"
+        reported.contains("1 blob was damaged; 1 fetched again"),
+        "{reported}"
     );
     prints(&["ledger", "fsck", text(&mirror)]);
-    let said = prints(&[&import[..], &["--check"]].concat());
-    assert!(said.contains("0 blobs were damaged; 0 fetched"), "{said}");
+    let reported = prints(&[&import[..], &["--check"]].concat());
+    assert!(
+        reported.contains("0 blobs were damaged; 0 fetched"),
+        "{reported}"
+    );
     // What the export does not have any more is lost.
     let import = ["ledger", "import", text(&out), text(&mirror), "--check"];
     fs::write(blob.path(), b"changed").unwrap();
@@ -96,12 +99,12 @@ fn a_backup_is_restored_unless_something_newer_was_signed() {
     let at = |name: &str| scratch.path().join(name);
     let (saved, again) = (at("backup"), at("again"));
     let original = audit(LEDGER);
-    let said = prints(&["ledger", "backup", LEDGER, text(&saved)]);
-    assert!(said.contains("backed up"), "{said}");
-    let said = prints(&["ledger", "backup", LEDGER, text(&saved)]);
-    assert!(said.contains(" 0 of them new"), "{said}");
+    let reported = prints(&["ledger", "backup", LEDGER, text(&saved)]);
+    assert!(reported.contains("backed up"), "{reported}");
+    let reported = prints(&["ledger", "backup", LEDGER, text(&saved)]);
+    assert!(reported.contains(" 0 of them new"), "{reported}");
     assert_eq!(audit(text(&saved)), original);
-    // Without a known checkpoint, and without the option which says that there is none, the command does nothing.
+    // Without a known checkpoint, and without the option which states that there is none, the command does nothing.
     ends(2, zk0(&["ledger", "restore", text(&saved), text(&again)]));
     assert!(!again.exists());
     let restore = |to: &Path, more: &[&str]| {
@@ -114,18 +117,18 @@ fn a_backup_is_restored_unless_something_newer_was_signed() {
         &["--checkpoint", LEDGER, "--checkpoint", &serving.address],
     );
     let restored: Vec<&str> = restored.iter().map(String::as_str).collect();
-    let said = prints(&restored);
+    let reported = prints(&restored);
     assert!(
-        said.contains("restored to") && !said.contains("WARNING"),
-        "{said}"
+        reported.contains("restored to") && !reported.contains("WARNING"),
+        "{reported}"
     );
     assert_eq!(audit(text(&again)), original);
     fails(&restored, "is not empty");
     let trusting = at("trusting");
     let trusting = restore(&trusting, &["--no-newer-checkpoint-exists"]);
     let trusting: Vec<&str> = trusting.iter().map(String::as_str).collect();
-    let said = prints(&trusting);
-    assert!(said.contains("WARNING"), "{said}");
+    let reported = prints(&trusting);
+    assert!(reported.contains("WARNING"), "{reported}");
     // This checkpoint belongs to another log.
     let stranger = at("stranger");
     let other = at("other");
@@ -153,14 +156,14 @@ fn a_ledger_that_no_witness_has_cosigned_yet_is_whole_and_tells_its_key() {
     let key = made.ledger.state().genesis().verifier_key().unwrap();
     drop(made.ledger);
     // The operator of the witness needs the key before the first cosignature.
-    let said = prints(&["ledger", "vkey", text(&dir)]);
-    assert_eq!(said.trim(), key.to_string());
+    let reported = prints(&["ledger", "vkey", text(&dir)]);
+    assert_eq!(reported.trim(), key.to_string());
     prints(&["ledger", "backup", text(&dir), text(&saved)]);
     for folder in [&dir, &saved] {
-        let said = prints(&["ledger", "fsck", text(folder)]);
-        let note = said.lines().find(|line| line.starts_with("note  "));
+        let reported = prints(&["ledger", "fsck", text(folder)]);
+        let note = reported.lines().find(|line| line.starts_with("note  "));
         let waits = note.is_some_and(|note| note.contains("before the witnesses have cosigned"));
-        assert!(waits && said.contains("WHOLE"), "{said}");
+        assert!(waits && reported.contains("WHOLE"), "{reported}");
     }
     // What somebody else has put in the place of a cosigned checkpoint is damage.
     fs::write(dir.join("cosigned"), b"cosigned").unwrap();
@@ -182,10 +185,13 @@ fn a_damaged_blob_ends_a_copy_with_an_error_after_everything_else_is_copied() {
     prints(&["ledger", "backup", text(&dir), text(&saved)]);
     let checked = ["ledger", "backup", text(&dir), text(&saved), "--check"];
     fs::write(a_blob_of(&saved), b"changed").unwrap();
-    let said = prints(&checked);
-    assert!(said.contains("1 blob was damaged in the backup"), "{said}");
-    let said = prints(&checked);
-    assert!(!said.contains("damaged"), "{said}");
+    let reported = prints(&checked);
+    assert!(
+        reported.contains("1 blob was damaged in the backup"),
+        "{reported}"
+    );
+    let reported = prints(&checked);
+    assert!(!reported.contains("damaged"), "{reported}");
     let blob = a_blob_of(&dir);
     fs::write(&blob, b"changed").unwrap();
     for command in ["backup", "export"] {
@@ -208,8 +214,8 @@ fn an_entry_is_proven_offline() {
     let key = prints(&["ledger", "vkey", LEDGER]);
     let key = key.trim();
     prints(&["audit", "prove", LEDGER, "3", "--out", text(&proof)]);
-    let said = prints(&["audit", "verify-proof", text(&proof), "--log-key", key]);
-    assert!(said.contains("VERIFIED"), "{said}");
+    let reported = prints(&["audit", "verify-proof", text(&proof), "--log-key", key]);
+    assert!(reported.contains("VERIFIED"), "{reported}");
     // The proof is refused when the policy asks for a witness that has not cosigned, and when the proof is changed.
     let other = scratch.path().join("w.key");
     let witness = prints(&[
@@ -255,8 +261,11 @@ fn a_witness_is_made_and_served() {
     );
     let unnamed = scratch.path().join("other.key");
     let wrong = ["witness", "keygen", text(&unnamed), "--name", "a b"];
-    let said = logged(&ends(2, zk0(&wrong)));
-    assert!(said.contains("cannot be the name of a key"), "{said}");
+    let reported = logged(&ends(2, zk0(&wrong)));
+    assert!(
+        reported.contains("cannot be the name of a key"),
+        "{reported}"
+    );
     assert!(!unnamed.exists());
     let log = prints(&["ledger", "vkey", LEDGER]);
     let serve = [
@@ -285,8 +294,8 @@ fn a_witness_is_made_and_served() {
         "--log-key",
         vkey.trim(),
     ];
-    let said = logged(&ends(2, zk0(&wrong)));
-    assert!(said.contains("that of a log"), "{said}");
+    let reported = logged(&ends(2, zk0(&wrong)));
+    assert!(reported.contains("that of a log"), "{reported}");
 }
 
 /// A ledger of two closed rounds whose claims were refused, its key file, and a file that no entry names.
@@ -313,7 +322,7 @@ fn pruning_says_what_goes_before_it_goes() {
     assert_eq!(blobs(), 4);
     let prune = ["ledger", "prune", text(&dir)];
     let older = ["--keep-rounds", "0", "--proofs-too"];
-    let said = prints(&with(&prune, &[&older[..], &["--dry-run"]].concat()));
+    let reported = prints(&with(&prune, &[&older[..], &["--dry-run"]].concat()));
     for line in [
         "closed       2 rounds",
         "delete       15 bytes, 3 proofs of rounds 0 to 1",
@@ -323,7 +332,7 @@ fn pruning_says_what_goes_before_it_goes() {
         "sign         the log's operator has pruned the updates of rounds 0 to 1, the proofs of rounds 0 to 1 (signed about the first",
         "dry run      nothing was deleted",
     ] {
-        assert!(said.contains(line), "{line}: {said}");
+        assert!(reported.contains(line), "{line}: {reported}");
     }
     assert_eq!(blobs(), 4);
     // Without the key nobody deletes, nor with another key.
@@ -337,16 +346,22 @@ fn pruning_says_what_goes_before_it_goes() {
     fails(&with(&prune, &["--key", text(&other)]), "not the log key");
     assert_eq!(blobs(), 4);
     // Only what no audit reads.
-    let said = prints(&with(&prune, &["--key", text(&key)]));
-    assert!(said.contains("deleted      1 blob, 8 bytes"), "{said}");
-    assert!(!said.contains("sign"), "{said}");
+    let reported = prints(&with(&prune, &["--key", text(&key)]));
+    assert!(
+        reported.contains("deleted      1 blob, 8 bytes"),
+        "{reported}"
+    );
+    assert!(!reported.contains("sign"), "{reported}");
     assert_eq!(blobs(), 3);
     let audited = || ends(3, zk0(&["audit", "replay", text(&dir)]));
     let before = printed(&audited());
     assert!(!before.contains("pruned"), "{before}");
     let with_key = [&older[..], &["--key", text(&key)]].concat();
-    let said = prints(&with(&prune, &with_key));
-    assert!(said.contains("deleted      3 blobs, 15 bytes"), "{said}");
+    let reported = prints(&with(&prune, &with_key));
+    assert!(
+        reported.contains("deleted      3 blobs, 15 bytes"),
+        "{reported}"
+    );
     assert_eq!(blobs(), 0);
     let after = printed(&audited());
     let line = "not checked  6 refusals' reasons: the log's operator has pruned what this needs; the first, the refused proof";
@@ -360,9 +375,9 @@ fn pruning_says_what_goes_before_it_goes() {
     let repeated = "how the updates of rounds 0 to 1 were combined cannot be computed again";
     fails(&[&serve[..], &["--listen", &listen]].concat(), repeated);
     // The six updates never were in this folder.
-    let said = prints(&["ledger", "fsck", text(&dir)]);
+    let reported = prints(&["ledger", "fsck", text(&dir)]);
     let note = "12 such blobs are not in this folder";
-    assert!(said.contains(note), "{said}");
+    assert!(reported.contains(note), "{reported}");
 }
 
 #[test]
@@ -376,11 +391,17 @@ fn nobody_prunes_a_ledger_that_is_in_use() {
         "is in use by another process: stop that process first",
     );
     // Looking is allowed.
-    let said = prints(&["ledger", "prune", text(&dir), "--dry-run"]);
-    assert!(said.contains("1 file that no entry names"), "{said}");
+    let reported = prints(&["ledger", "prune", text(&dir), "--dry-run"]);
+    assert!(
+        reported.contains("1 file that no entry names"),
+        "{reported}"
+    );
     drop(writer);
-    let said = prints(&prune);
-    assert!(said.contains("deleted      1 blob, 8 bytes"), "{said}");
+    let reported = prints(&prune);
+    assert!(
+        reported.contains("deleted      1 blob, 8 bytes"),
+        "{reported}"
+    );
 }
 
 #[test]
@@ -398,11 +419,11 @@ fn many_files_that_no_entry_names_are_not_pruned_without_yes() {
     );
     assert!(strangers.iter().all(|blob| blobs.contains(blob)));
     prints(&["ledger", "prune", text(&dir), "--dry-run"]);
-    let said = prints(&with(&prune, &["--yes"]));
-    assert!(said.contains("deleted      11 blobs"), "{said}");
+    let reported = prints(&with(&prune, &["--yes"]));
+    assert!(reported.contains("deleted      11 blobs"), "{reported}");
     for number in 0..10 {
         stranger(number);
     }
-    let said = prints(&prune);
-    assert!(said.contains("deleted      10 blobs"), "{said}");
+    let reported = prints(&prune);
+    assert!(reported.contains("deleted      10 blobs"), "{reported}");
 }

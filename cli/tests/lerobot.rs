@@ -1,4 +1,4 @@
-//! LeRobot's folders with the binary: `zk0 train` starts from such a folder and leaves one. The commands respect what a policy says
+//! LeRobot's folders with the binary: `zk0 train` starts from such a folder and leaves one. The commands respect what a policy states
 //! about its normalisation.
 
 use crate::harness::{self, logged, printed};
@@ -113,17 +113,17 @@ impl Folder {
         let datasets: Vec<_> = datasets.iter().map(|name| recording(name)).collect();
         let options = ["--steps", "3", "--batch-size", "4", "--lr", "1e-3"];
         match self.zk0("train", &datasets, &[&options[..], more].concat()) {
-            (true, said, _) => Ok(said),
-            (false, _, said) => Err(said),
+            (true, reported, _) => Ok(reported),
+            (false, _, reported) => Err(reported),
         }
     }
 
     /// The rows of `zk0 eval`.
     fn eval(&self, dataset: &Path, more: &[&str]) -> Vec<Value> {
         let options = [&["--json", "--frames", "12"], more].concat();
-        let (fine, said, error) = self.zk0("eval", &[dataset.to_owned()], &options);
+        let (fine, reported, error) = self.zk0("eval", &[dataset.to_owned()], &options);
         assert!(fine, "{error}");
-        serde_json::from_str(&said).unwrap()
+        serde_json::from_str(&reported).unwrap()
     }
 }
 
@@ -156,8 +156,8 @@ fn a_run_leaves_a_folder_for_lerobot() {
     let place = Folder::new();
     let source = files(&place.at("source"));
     let options = ["--policy", "source", "--out", "run", "--train-state-proj"];
-    let said = place.train(&[PICKPLACE], &options).unwrap();
-    assert!(said.contains("run/lerobot"), "{said}");
+    let reported = place.train(&[PICKPLACE], &options).unwrap();
+    assert!(reported.contains("run/lerobot"), "{reported}");
 
     let written = PolicyFolder::open(place.at("run/lerobot")).unwrap();
     let policy = Policy::from_folder(&written).unwrap();
@@ -238,13 +238,16 @@ fn a_run_that_goes_on_leaves_the_same_folder() {
     }
     // Another run may not replace this folder.
     fs::remove_dir_all(place.at("run/snapshots")).unwrap();
-    let said = go(&[]).unwrap_err();
-    assert!(said.contains("run/lerobot exists already"), "{said}");
+    let reported = go(&[]).unwrap_err();
+    assert!(
+        reported.contains("run/lerobot exists already"),
+        "{reported}"
+    );
     for policy in ["run/lerobot", "source"] {
         let out = policy.strip_suffix("/lerobot").unwrap_or(policy);
         let options = ["--policy", policy, "--out", out, "--resume"];
-        let said = place.train(&[PICKPLACE], &options).unwrap_err();
-        assert!(said.contains("would replace the policy"), "{said}");
+        let reported = place.train(&[PICKPLACE], &options).unwrap_err();
+        assert!(reported.contains("would replace the policy"), "{reported}");
     }
     assert_eq!(files(&place.at("run/lerobot")), left);
 }
@@ -372,11 +375,11 @@ fn other_normalisations_are_kept_to_or_refused() {
         let other = config.replace(&was, &format!("\"{feature}\": \"{mode}\""));
         assert_ne!(config, other);
         fs::write(&path, other).unwrap();
-        let said = place.train(&[PICKPLACE], &["--policy", "source", "--out", "run"]);
+        let reported = place.train(&[PICKPLACE], &["--policy", "source", "--out", "run"]);
         let (_, _, evaluated) = place.zk0("eval", &[recording(SORTING)], &["--policy", "source"]);
-        for said in [said.unwrap_err(), evaluated] {
-            assert!(said.contains(mode), "{said}");
-            assert!(said.contains("config.json"), "{said}");
+        for reported in [reported.unwrap_err(), evaluated] {
+            assert!(reported.contains(mode), "{reported}");
+            assert!(reported.contains("config.json"), "{reported}");
         }
     }
     fs::write(&path, config.replace("MEAN_STD", "IDENTITY")).unwrap();
@@ -426,9 +429,12 @@ fn cameras_of_other_names_are_refused_without_a_map_and_taken_with_one() {
     assert_ne!(config, others);
     fs::write(&path, others).unwrap();
     let train = || place.train(&[PICKPLACE], &["--policy", "source", "--out", "run"]);
-    let said = train().unwrap_err();
-    assert!(said.contains("--rename_map"), "{said}");
-    assert!(said.contains("observation.images.camera1"), "{said}");
+    let reported = train().unwrap_err();
+    assert!(reported.contains("--rename_map"), "{reported}");
+    assert!(
+        reported.contains("observation.images.camera1"),
+        "{reported}"
+    );
     let (fine, _, evaluated) = place.zk0("eval", &[recording(PICKPLACE)], &["--policy", "source"]);
     let named = "so100_pickplace: sample: the policy's cameras are observation.images.camera1, ";
     assert!(!fine && evaluated.contains(named), "{evaluated}");
@@ -467,15 +473,15 @@ fn a_tokenizer_that_the_folder_names_comes_from_the_hubs_cache() {
         let output = zk0.output().unwrap();
         (output.status.success(), logged(&output))
     };
-    let (fine, said) = train(&place.at("none"));
-    assert!(!fine, "{said}");
+    let (fine, reported) = train(&place.at("none"));
+    assert!(!fine, "{reported}");
     assert!(
-        said.contains("`hf download zk0/tiny tokenizer.json`"),
-        "{said}"
+        reported.contains("`hf download zk0/tiny tokenizer.json`"),
+        "{reported}"
     );
     let hub = fixtures().join("policy_processors/hub");
-    let (fine, said) = train(&hub);
-    assert!(fine, "{said}");
+    let (fine, reported) = train(&hub);
+    assert!(fine, "{reported}");
     let snapshot = "models--zk0--tiny/snapshots/0123456789abcdef0123456789abcdef01234567";
     let named = fs::read_to_string(hub.join(snapshot).join("tokenizer.json")).unwrap();
     let model = policy_file::load(&place.at("run/model.safetensors")).unwrap();

@@ -4,6 +4,7 @@
 use crate::harness::network::LocalNetwork;
 use crate::harness::{self, logged, printed, prints, zk0};
 use ed25519_dalek::SigningKey;
+use serde_json::Value;
 use std::fs;
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -109,22 +110,22 @@ fn a_node_stops_before_a_round_of_another_program() {
     let round = vote_in_a_round(&network, &governor, Action::ReplaceProgram(next.clone()));
     let own = verifying_key(network.genesis().mode);
     let needs = |output: &std::process::Output, needed: &Program| {
-        let said = logged(output);
-        assert_eq!(output.status.code(), Some(1), "{said}");
+        let reported = logged(output);
+        assert_eq!(output.status.code(), Some(1), "{reported}");
         for words in [
             format!("the network proves with the guest program {needed}"),
             format!("its program is {} of SP1 {OUR_SP1}", hex::encode(own)),
             format!("this is zk0 {}", env!("CARGO_PKG_VERSION")),
         ] {
-            assert!(said.contains(&words), "{words}: {said}");
+            assert!(reported.contains(&words), "{words}: {reported}");
         }
-        said
+        reported
     };
     let output = network.join(3, &TRAINING);
-    let said = needs(&output, &next);
+    let reported = needs(&output, &next);
     assert!(
-        said.contains(&format!("round {round} has closed")),
-        "{said}"
+        reported.contains(&format!("round {round} has closed")),
+        "{reported}"
     );
     let update = |round: u64| network.path(&format!("state/round-{round}.safetensors"));
     assert!(Path::new(&update(round)).exists());
@@ -134,8 +135,8 @@ fn a_node_stops_before_a_round_of_another_program() {
     assert!(network.entries().iter().any(executed));
     assert_eq!(ledger(&network).state().program(), &next);
     // Another start does not even prepare the recording.
-    let said = needs(&network.join(1, &TRAINING), &next);
-    assert!(!said.contains("preparing the recording"), "{said}");
+    let reported = needs(&network.join(1, &TRAINING), &next);
+    assert!(!reported.contains("preparing the recording"), "{reported}");
 }
 
 #[test]
@@ -147,13 +148,13 @@ fn a_node_stops_before_a_round_that_asks_for_other_recordings() {
     rules.recordings.fps = Some(50);
     let round = vote_in_a_round(&network, &governor, Action::ChangeRules(Box::new(rules)));
     let output = network.join(3, &TRAINING);
-    let said = logged(&output);
-    assert_eq!(output.status.code(), Some(1), "{said}");
+    let reported = logged(&output);
+    assert_eq!(output.status.code(), Some(1), "{reported}");
     for words in [
         format!("round {round} has closed"),
         "it has 30 frames per second, not 50".to_owned(),
     ] {
-        assert!(said.contains(&words), "{words}: {said}");
+        assert!(reported.contains(&words), "{words}: {reported}");
     }
     let update = |round: u64| network.path(&format!("state/round-{round}.safetensors"));
     assert!(Path::new(&update(round)).exists());
@@ -175,15 +176,15 @@ fn a_program_is_proposed_and_shown() {
             let output = zk0(&arguments).output().unwrap();
             (output.status.success(), printed(&output) + &logged(&output))
         };
-        for (change, said) in [
+        for (change, reported) in [
             (&["program", "0102"][..], "this one has 2"),
             (&["program", "g"], "not hexadecimal"),
             (&["restore-weights", "5"], "there is no round 5 yet"),
             (&["program", "--sp1", "six"], "proposal 0 is entry 2"),
         ] {
             let (proposed, words) = propose(change);
-            assert_eq!(proposed, said.starts_with("proposal"), "{words}");
-            assert!(words.contains(said), "{words}");
+            assert_eq!(proposed, reported.starts_with("proposal"), "{words}");
+            assert!(words.contains(reported), "{words}");
         }
         let status = ["governance", "status"];
         let status = prints(&[&status, &signed[..4]].concat());
@@ -203,4 +204,37 @@ fn a_program_is_proposed_and_shown() {
     let shown = prints(&["audit", "show", &network.path("ledger")]);
     let words = format!("{own} (this release's), SP1 {OUR_SP1}, from round 0 on (entry 0)");
     assert!(shown.contains(&words), "{shown}");
+}
+
+/// No vote brings back what is not published meanwhile.
+#[test]
+fn who_proposes_witnesses_that_do_not_answer_is_warned() {
+    let network = LocalNetwork::new();
+    governed(&network, 600_000);
+    let (key, secret) = (network.path("governor.key"), network.path("w.key"));
+    let witness = prints(&["witness", "keygen", &secret, "--name", "witness.example/w"]);
+    let witness = witness.trim();
+    let policy = format!("witness W {witness} http://127.0.0.1:1\nquorum W\n");
+    network.served(|aggregator, _, id| {
+        let of = ["--aggregator", aggregator, "--network", id];
+        let rules = prints(&[&["governance", "status", "--rules"][..], &of].concat());
+        let mut rules: Value = serde_json::from_str(&rules).unwrap();
+        rules["witness_policy"] = policy.as_str().into();
+        let file = network.path("rules.json");
+        fs::write(&file, rules.to_string()).unwrap();
+        let propose = ["governance", "propose", "--title", "next", "--key", &key];
+        let propose = [&propose[..], &of, &["rules", &file]].concat();
+        let output = zk0(&propose).output().unwrap();
+        let reported = logged(&output);
+        assert!(
+            printed(&output).contains("proposal 0 is entry 2"),
+            "{reported}"
+        );
+        for words in [
+            "nothing is published until its witness policy is met",
+            "W cannot be asked",
+        ] {
+            assert!(reported.contains(words), "{reported}");
+        }
+    });
 }

@@ -30,8 +30,8 @@ fn by_hand(folder: &str) -> PolicyFile {
 fn a_network_of_a_lerobot_checkpoint_reads_instructions_with_its_tokenizer() {
     let network = LocalNetwork::new();
     let folder = network.lerobot_folder();
-    let said = network.found(&["--policy", &folder, "--mode", "succinct"]);
-    assert!(said.contains("with its own tokenizer"), "{said}");
+    let reported = network.found(&["--policy", &folder, "--mode", "succinct"]);
+    assert!(reported.contains("with its own tokenizer"), "{reported}");
 
     let by_hand = by_hand(&folder);
     let (genesis, file) = (network.genesis(), network.policy());
@@ -87,11 +87,11 @@ fn a_node_takes_no_other_policy_than_the_genesis_names() {
     let other = PolicyFile::hashing_words(init_policy(&Profile::Micro.config(), 9).unwrap());
     policy_file::save(&other.policy, &other.tokenizer, None, &blob).unwrap();
     let output = network.join(0, &[]);
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(1), "{said}");
+    let reported = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{reported}");
     assert!(
-        said.contains(&format!("blob {name} has SHA-256 ")),
-        "{said}"
+        reported.contains(&format!("blob {name} has SHA-256 ")),
+        "{reported}"
     );
     let kept = network.path(&format!("state/policy-{name}.safetensors"));
     assert!(!Path::new(&kept).exists());
@@ -168,12 +168,13 @@ fn an_update_has_room_in_the_rules_or_nothing_is_founded() {
         network.founding(&[&["--rules", &file], more].concat())
     };
     let tiny = ["--profile", "tiny", "--mode", "succinct"];
-    let said = fails(&words(&found(300_000, &tiny)));
+    let reported = fails(&words(&found(300_000, &tiny)));
     assert!(
-        said.contains("rule max_update_bytes in ") && said.contains("is 300000, too little"),
-        "{said}"
+        reported.contains("rule max_update_bytes in ")
+            && reported.contains("is 300000, too little"),
+        "{reported}"
     );
-    let needed = said.rsplit("write ").next().unwrap();
+    let needed = reported.rsplit("write ").next().unwrap();
     let needed: u64 = needed.split(' ').next().unwrap().parse().unwrap();
     let too_little = fails(&words(&found(needed - 1, &tiny)));
     assert!(too_little.contains("too little"), "{too_little}");
@@ -194,10 +195,10 @@ fn nothing_is_added_to_a_folder_that_holds_a_ledger() {
     assert_eq!(blobs(), 2);
     let refused = fails(&words(&network.founding(&["--seed", "5"])));
     let ledger = network.path("ledger");
-    let says = format!(
+    let reports = format!(
         "{ledger} already holds a ledger: `zk0 aggregator serve {ledger} --key FILE` continues its network"
     );
-    assert!(refused.contains(&says), "{refused}");
+    assert!(refused.contains(&reports), "{refused}");
     assert_eq!(blobs(), 2);
 }
 
@@ -222,8 +223,11 @@ fn mode_direct_is_for_small_policies() {
 fn the_best_mode_is_chosen_by_the_size_of_the_policy() {
     for (profile, mode) in [("micro", Mode::Direct), ("tiny", Mode::Succinct)] {
         let network = LocalNetwork::new();
-        let said = logs(&words(&network.founding(&["--profile", profile])));
-        assert!(said.contains(&format!("proven in mode {mode}")), "{said}");
+        let reported = logs(&words(&network.founding(&["--profile", profile])));
+        assert!(
+            reported.contains(&format!("proven in mode {mode}")),
+            "{reported}"
+        );
         assert_eq!(network.genesis().mode, mode);
     }
     let network = LocalNetwork::new();
@@ -236,9 +240,9 @@ fn a_policy_that_cannot_be_used_founds_nothing() {
     let network = LocalNetwork::new();
     let folder = network.lerobot_folder();
     let refused = |more: &[&str]| {
-        let said = fails(&words(&network.founding(more)));
-        assert!(!Path::new(&network.path("ledger")).exists(), "{said}");
-        said
+        let reported = fails(&words(&network.founding(more)));
+        assert!(!Path::new(&network.path("ledger")).exists(), "{reported}");
+        reported
     };
     let nowhere = refused(&["--policy", "no/such/policy"]);
     assert!(nowhere.contains("no/such/policy"), "{nowhere}");

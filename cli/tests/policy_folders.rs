@@ -130,12 +130,12 @@ fn another_policy_than_the_networks_is_refused() {
     let at = bytes.len() - 2;
     bytes[at] ^= 1;
     fs::write(&weights, bytes).unwrap();
-    let said = fails(&words(&serving(&network, &policy, "1", "1")));
+    let reported = fails(&words(&serving(&network, &policy, "1", "1")));
     assert!(
-        said.contains("is not the policy that the network was founded with"),
-        "{said}"
+        reported.contains("is not the policy that the network was founded with"),
+        "{reported}"
     );
-    assert!(said.contains(text(Path::new(&policy))), "{said}");
+    assert!(reported.contains(text(Path::new(&policy))), "{reported}");
 }
 
 /// Why an aggregator with these arguments does not start to write into `out`. It could not serve, because its address is taken.
@@ -171,14 +171,14 @@ fn the_folder_of_another_network_is_refused() {
         Path::new(&real.path("out")),
         &["round-1"],
     );
-    let said = refused(serving(&real, &policy, "4", "2"), out);
+    let reported = refused(serving(&real, &policy, "4", "2"), out);
     for part in [
         text(out),
         &format!("of network {}", id(&trial)),
         &format!("this is network {}", id(&real)),
         "name another folder with --checkpoints",
     ] {
-        assert!(said.contains(part), "{said}");
+        assert!(reported.contains(part), "{reported}");
     }
     assert_eq!(rounds(out), ["round-1"]);
 }
@@ -201,10 +201,10 @@ fn a_folder_that_names_no_network_is_compared_with_the_ledger() {
     let right = fs::read(&weights).unwrap();
     fs::copy(Path::new(&policy).join("model.safetensors"), &weights).unwrap();
     fs::remove_file(&named).unwrap();
-    let said = refused(arguments.clone(), out);
+    let reported = refused(arguments.clone(), out);
     assert!(
-        said.contains("round-0 does not hold the weights") && said.contains(id.trim()),
-        "{said}"
+        reported.contains("round-0 does not hold the weights") && reported.contains(id.trim()),
+        "{reported}"
     );
     assert!(!named.exists());
 
@@ -215,10 +215,10 @@ fn a_folder_that_names_no_network_is_compared_with_the_ledger() {
     // A new network has closed no round of these.
     let new = founded(&policy);
     fs::remove_file(&named).unwrap();
-    let said = refused(serving(&new, &policy, "2", "1"), out);
+    let reported = refused(serving(&new, &policy, "2", "1"), out);
     assert!(
-        said.contains("round 0, which this network has not closed"),
-        "{said}"
+        reported.contains("round 0, which this network has not closed"),
+        "{reported}"
     );
     assert!(!named.exists());
 }

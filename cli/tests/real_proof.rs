@@ -20,7 +20,7 @@ const SEED: u64 = 1;
 fn a_claim_is_proven_and_its_proof_is_one_of_nothing_else() {
     let service = ["prover", "serve", "--listen", "127.0.0.1:0"].map(str::to_owned);
     let mut service = Process::start(&service);
-    let listening = service.says("the proving service listens");
+    let listening = service.reports("the proving service listens");
     let url = format!("http://{}", listening["listening"].as_str().unwrap());
     let private = synthetic::private_input(&EvalSpec::micro(), Mode::Direct, SAMPLES, SEED);
     let (private, blind) = (private.unwrap(), synthetic::blind(SEED));

@@ -148,31 +148,31 @@ impl<'t> Client<'t> {
     /// The failure for an error status.
     pub fn refused(&self, what: &str, answer: Response<Body>) -> Failure {
         let status = answer.status();
-        let said = said(answer);
+        let reported = reported(answer);
         let (endpoint, repository) = (self.target.endpoint.clone(), self.target.repository.clone());
         Failure::Final(match status.as_u16() {
             401 => PublishError::Token {
                 endpoint,
                 repository,
-                said,
+                reported,
             },
             403 => PublishError::Forbidden {
                 endpoint,
                 repository,
-                said,
+                reported,
             },
             // Too slow, too many requests, a fault, or a changed state (412).
             408 | 412 | 429 | 500..=599 => {
                 return Failure::Temporary {
                     what: what.into(),
-                    why: format!("{endpoint} answered with HTTP {status} ({said})"),
+                    why: format!("{endpoint} answered with HTTP {status} ({reported})"),
                 }
             }
             status => PublishError::Refused {
                 endpoint,
                 what: what.into(),
                 status,
-                said,
+                reported,
             },
         })
     }
@@ -194,7 +194,7 @@ fn read(answer: Response<Body>) -> Result<Vec<u8>, ureq::Error> {
     body.into_with_config().limit(MAX_ANSWER).read_to_vec()
 }
 
-fn said(answer: Response<Body>) -> String {
+fn reported(answer: Response<Body>) -> String {
     let reason = answer.status().canonical_reason().unwrap_or("no reason");
     let bytes = read(answer).unwrap_or_default();
     let text = match serde_json::from_slice::<Value>(&bytes) {

@@ -14,24 +14,24 @@ pub enum PublishError {
         repository: Repository,
     },
     /// The token is invalid.
-    #[error("{endpoint} does not accept the token (HTTP 401: {said}): set HF_TOKEN to a valid token that may write to {repository} (https://huggingface.co/settings/tokens)")]
+    #[error("{endpoint} does not accept the token (HTTP 401: {reported}): set HF_TOKEN to a valid token that may write to {repository} (https://huggingface.co/settings/tokens)")]
     Token {
         /// The Hub.
         endpoint: String,
         /// The repository.
         repository: Repository,
         /// The Hub's text.
-        said: String,
+        reported: String,
     },
     /// The token may not write there.
-    #[error("the token may not write to {repository} at {endpoint} (HTTP 403: {said}): use a token with the role \"write\" of an account that may write there")]
+    #[error("the token may not write to {repository} at {endpoint} (HTTP 403: {reported}): use a token with the role \"write\" of an account that may write there")]
     Forbidden {
         /// The Hub.
         endpoint: String,
         /// The repository.
         repository: Repository,
         /// The Hub's text.
-        said: String,
+        reported: String,
     },
     /// The Hub or the network fails now.
     #[error("{what} failed {tries} times, the last time because {why}: try again later; what has arrived is not uploaded again")]
@@ -44,7 +44,7 @@ pub enum PublishError {
         why: String,
     },
     /// The Hub refuses something else.
-    #[error("{endpoint} refuses {what} (HTTP {status}: {said})")]
+    #[error("{endpoint} refuses {what} (HTTP {status}: {reported})")]
     Refused {
         /// The Hub.
         endpoint: String,
@@ -53,7 +53,7 @@ pub enum PublishError {
         /// The answer's status.
         status: u16,
         /// The Hub's text.
-        said: String,
+        reported: String,
     },
     /// The answer does not follow the Hub's API.
     #[error("the answer of {endpoint} to {what} cannot be used: {why}; is it a Hugging Face Hub?")]

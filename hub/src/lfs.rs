@@ -84,7 +84,7 @@ pub fn upload(client: &Client, files: &[&LocalFile]) -> Result<usize, Failure> {
                 endpoint: target.endpoint.clone(),
                 what: format!("the file {}", file.name),
                 status: error.code,
-                said: error.message.clone(),
+                reported: error.message.clone(),
             }));
         }
         // Without actions, the Hub has it.

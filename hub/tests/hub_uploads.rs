@@ -1,4 +1,4 @@
-//! Folders on a Hub on loopback: what it gets, what a second run uploads, and what is said when it fails.
+//! Folders on a Hub on loopback: what it gets, what a second run uploads, and what is stated when it fails.
 
 use std::fs;
 use std::path::Path;
@@ -113,26 +113,26 @@ fn a_wrong_token_and_a_missing_right_are_told_apart() {
     let (hub, folder) = (LocalHub::start(), folder());
     let wrong = publish(&target(&hub, "hf_wrong"), folder.path(), "Round").unwrap_err();
     assert!(matches!(wrong, PublishError::Token { .. }), "{wrong}");
-    let said = wrong.to_string();
+    let reported = wrong.to_string();
     for text in [
         "HTTP 401: Invalid username",
         "set HF_TOKEN",
         NAME,
         &hub.address,
     ] {
-        assert!(said.contains(text), "{said}");
+        assert!(reported.contains(text), "{reported}");
     }
-    assert!(!said.contains("hf_wrong"), "{said}");
+    assert!(!reported.contains("hf_wrong"), "{reported}");
 
     let reader = publish(&target(&hub, READER), folder.path(), "Round").unwrap_err();
     assert!(matches!(reader, PublishError::Forbidden { .. }), "{reader}");
-    let said = reader.to_string();
+    let reported = reader.to_string();
     for text in [
         "HTTP 403: You don't have the rights.",
         "role \"write\"",
         NAME,
     ] {
-        assert!(said.contains(text), "{said}");
+        assert!(reported.contains(text), "{reported}");
     }
     // Each was asked once: to repeat it would be of no use.
     assert_eq!(
@@ -203,10 +203,10 @@ fn a_hub_that_fails_is_asked_again_for_a_while() {
         let (hub, begun) = (LocalHub::start(), Instant::now());
         hub.held().failing = Some((step, status, usize::MAX));
         let error = publish(&target(&hub, TOKEN), folder.path(), "Round").unwrap_err();
-        let said = error.to_string();
-        assert!(said.contains("failed 3 times"), "{said}");
-        assert!(said.contains(&format!("HTTP {status}")), "{said}");
-        assert!(said.contains("try again later"), "{said}");
+        let reported = error.to_string();
+        assert!(reported.contains("failed 3 times"), "{reported}");
+        assert!(reported.contains(&format!("HTTP {status}")), "{reported}");
+        assert!(reported.contains("try again later"), "{reported}");
         assert!(begun.elapsed() < Duration::from_secs(20));
         let asked = hub.asked();
         assert_eq!(asked.iter().filter(|one| one.contains(step)).count(), 3);
@@ -230,9 +230,9 @@ fn a_cut_connection_loses_nothing() {
     let hub = LocalHub::start();
     hub.held().cuts = usize::MAX;
     let error = publish(&target(&hub, TOKEN), folder.path(), "Round").unwrap_err();
-    let said = error.to_string();
+    let reported = error.to_string();
     let what = "uploading model.safetensors (3000000 bytes) failed 3 times";
-    assert!(said.contains(what), "{said}");
+    assert!(reported.contains(what), "{reported}");
     assert!(hub.model(NAME).commits.is_empty());
 }
 

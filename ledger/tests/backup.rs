@@ -205,10 +205,11 @@ fn a_damaged_backup_is_not_restored_and_what_is_begun_is_gone_on_with() {
         matches!(&refused, BackupError::Damaged { files, .. } if files.len() == 1),
         "{refused}"
     );
-    let said = refused.to_string();
+    let reported = refused.to_string();
     assert!(
-        said.contains(blob.to_str().unwrap()) && said.contains("delete each of these files"),
-        "{said}"
+        reported.contains(blob.to_str().unwrap())
+            && reported.contains("delete each of these files"),
+        "{reported}"
     );
     assert!(!again.exists(), "not before all of it is there");
     fs::write(&blob, whole).unwrap();
@@ -267,8 +268,8 @@ fn a_damaged_blob_of_the_ledger_is_named_and_all_others_are_backed_up() {
             "{name}"
         );
         assert_eq!(damaged(&done), [&*file]);
-        let said = done.damaged[0].to_string();
-        assert!(said.contains("Put the right file back"), "{said}");
+        let reported = done.damaged[0].to_string();
+        assert!(reported.contains("Put the right file back"), "{reported}");
         assert!(!Blobs::at(&saved).contains(&blob));
         if file.is_dir() {
             fs::remove_dir(&file).unwrap();

@@ -6,7 +6,7 @@
 
 use crate::network::long::Long;
 use crate::network::scenario::{
-    check, child, said, scratch as memory, Said, ENTRIES, FOLDER, STOPPED,
+    check, child, reported, scratch as memory, Said, ENTRIES, FOLDER, STOPPED,
 };
 use std::fs;
 use std::os::unix::process::ExitStatusExt;
@@ -17,7 +17,7 @@ use zk0_ledger::replay::{replay, Verdict};
 const EIO: i32 = 5;
 const ENOSPC: i32 = 28;
 
-/// This is not a test of its own. It replays a ledger, and says what came of it.
+/// This is not a test of its own. It replays a ledger, and states what came of it.
 #[test]
 #[ignore = "run by another test as a child process"]
 fn the_replay() {
@@ -67,7 +67,7 @@ impl Shim {
         wrapper.extend_from_slice(more);
         let output = child(dir, &wrapper);
         let complained = String::from_utf8_lossy(&output.stderr).into_owned();
-        (said(&output.stdout), output.status, complained)
+        (reported(&output.stdout), output.status, complained)
     }
 
     /// How many calls the scenario makes.
@@ -76,9 +76,9 @@ impl Shim {
         let count = scratch.path().join("count");
         let counted = format!("ZK0_FAULT_COUNT={}", count.to_str().unwrap());
         let dir = scratch.path().join("ledger");
-        let (said, status, complained) = self.run(&dir, "", 0, &[counted]);
+        let (reported, status, complained) = self.run(&dir, "", 0, &[counted]);
         assert!(status.success(), "{status}: {complained}");
-        assert_eq!(said.receipts.len(), ENTRIES);
+        assert_eq!(reported.receipts.len(), ENTRIES);
         let calls = fs::read_to_string(count).unwrap().trim().parse().unwrap();
         // The scenario writes each entry in a batch of its own, the checkpoints and the blob. Fewer calls would mean another
         // scenario.
@@ -93,19 +93,19 @@ impl Shim {
         for at in 1..=calls {
             let scratch = memory();
             let dir = scratch.path().join("ledger");
-            let (said, status, complained) = self.run(&dir, fault, at, &[]);
+            let (reported, status, complained) = self.run(&dir, fault, at, &[]);
             let when = format!("{fault} at call {at} of {calls}");
-            check(&dir, &said, &when);
+            check(&dir, &reported, &when);
             let killed = status.signal() == Some(9);
             let stopped = status.code() == Some(STOPPED);
             // RocksDB can do without some calls, and its threads sometimes make one call fewer. Then the scenario ends as usual.
-            let done = status.success() && said.receipts.len() == ENTRIES;
+            let done = status.success() && reported.receipts.len() == ENTRIES;
             let expected = match fault {
                 "torn" => killed,
                 _ => stopped,
             };
             assert!(expected || done, "{when}: {status}: {complained}");
-            acknowledging += u64::from(!said.receipts.is_empty());
+            acknowledging += u64::from(!reported.receipts.is_empty());
             ended += u64::from(expected);
         }
         println!("{fault}: {calls} calls, {acknowledging} times after something was acknowledged, {ended} times it ended there");
@@ -133,10 +133,10 @@ fn a_disk_that_is_full_from_any_call_on_stops_the_ledger_and_loses_nothing() {
 fn writes_that_take_half_of_what_they_are_given_go_on_with_the_rest() {
     let (shim, scratch) = (Shim::new(), memory());
     let dir = scratch.path().join("ledger");
-    let (said, status, complained) = shim.run(&dir, "short", 1, &[]);
+    let (reported, status, complained) = shim.run(&dir, "short", 1, &[]);
     assert!(status.success(), "{status}: {complained}");
-    assert_eq!(said.receipts.len(), ENTRIES);
-    check(&dir, &said, "short writes");
+    assert_eq!(reported.receipts.len(), ENTRIES);
+    check(&dir, &reported, "short writes");
 }
 
 /// Replays the ledger in `dir`, where the read with this number fails. Returns what came of it, and how many reads there were.
@@ -158,10 +158,12 @@ fn replayed(shim: &Shim, dir: &Path, at: u64) -> (String, u64) {
         .env("ZK0_FAULT_COUNT", &count)
         .output()
         .unwrap();
-    let said = String::from_utf8(output.stdout).unwrap();
-    let came = said.lines().find_map(|line| line.strip_prefix("it is "));
+    let reported = String::from_utf8(output.stdout).unwrap();
+    let came = reported
+        .lines()
+        .find_map(|line| line.strip_prefix("it is "));
     let complained = String::from_utf8_lossy(&output.stderr);
-    let came = came.unwrap_or_else(|| panic!("{said}{complained}"));
+    let came = came.unwrap_or_else(|| panic!("{reported}{complained}"));
     let reads = fs::read_to_string(count).unwrap();
     (came.to_owned(), reads.trim().parse().unwrap())
 }

@@ -4,7 +4,7 @@
 //! `cargo test --release --workspace --test ledger faults::` tries every ninth call, and with `-- --include-ignored` every call.
 
 use crate::network::scenario::{
-    check, child, said, scratch as memory, strace, Said, ENTRIES, PLAIN, STOPPED,
+    check, child, reported, scratch as memory, strace, Said, ENTRIES, PLAIN, STOPPED,
 };
 use crate::network::*;
 use ed25519_dalek::SigningKey;
@@ -60,12 +60,12 @@ fn traced(calls: &str, log: &Path) -> Vec<String> {
 fn calls(folder: &str) -> Vec<(String, u64)> {
     let scratch = memory();
     let log = scratch.path().join("calls");
-    // With a `writev`, the scenario says that it begins.
+    // With a `writev`, the scenario states that it begins.
     let traced = traced(&format!("{CALLS},writev"), &log);
     let output = child(&scratch.path().join(folder), &traced);
     let complained = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{}: {complained}", output.status);
-    assert_eq!(said(&output.stdout).receipts.len(), ENTRIES);
+    assert_eq!(reported(&output.stdout).receipts.len(), ENTRIES);
     let log = fs::read_to_string(log).unwrap();
     let mut counts = BTreeMap::new();
     let mut calls = BTreeSet::new();
@@ -99,18 +99,18 @@ fn sweep(folder: &str, fault: Fault, first: usize, stride: usize) {
         let dir = scratch.path().join(folder);
         let output = child(&dir, &fault.at(call, *count));
         let when = format!("{fault:?} at {call} {count}");
-        let (said, status) = (said(&output.stdout), output.status);
-        check(&dir, &said, &when);
+        let (reported, status) = (reported(&output.stdout), output.status);
+        check(&dir, &reported, &when);
         let as_it_should = match fault {
             // strace ends as its child did. Sometimes a thread makes one call fewer, and the scenario ends as usual.
-            Fault::Kill => status.signal() == Some(9) || said.receipts.len() == ENTRIES,
+            Fault::Kill => status.signal() == Some(9) || reported.receipts.len() == ENTRIES,
             // If RocksDB can do without a call, the scenario succeeds. A program that did not begin could not be loaded.
-            _ => status.success() || status.code() == Some(STOPPED) || !said.begun,
+            _ => status.success() || status.code() == Some(STOPPED) || !reported.begun,
         };
         let complained = String::from_utf8_lossy(&output.stderr);
         assert!(as_it_should, "{when}: {status}: {complained}");
         runs += 1;
-        acknowledging += u64::from(!said.receipts.is_empty());
+        acknowledging += u64::from(!reported.receipts.is_empty());
         stopped += match fault {
             Fault::Kill => u64::from(status.signal() == Some(9)),
             _ => u64::from(status.code() == Some(STOPPED)),
@@ -163,7 +163,7 @@ fn every_write_killed_and_failed() {
 /// Appends until a write fails, on a small disk or with a limit on the size of files. Then checks the ledger with room again.
 fn fill(dir: &Path, more_room: impl FnOnce()) {
     let mut ledger = Ledger::create(dir, genesis(), log_key(), T0).unwrap().0;
-    let mut said = Said::default();
+    let mut reported = Said::default();
     let error = loop {
         let mut seed = [0; 32];
         seed[..8].copy_from_slice(&ledger.size().to_le_bytes());
@@ -176,10 +176,13 @@ fn fill(dir: &Path, more_room: impl FnOnce()) {
         });
         match ledger.append_all(T0, names.collect()) {
             // The test keeps only some receipts of each group, because the check of all takes long.
-            Ok(receipts) => said.receipts.extend(receipts.into_iter().step_by(13)),
+            Ok(receipts) => reported.receipts.extend(receipts.into_iter().step_by(13)),
             Err(error) => break error,
         }
-        assert!(said.receipts.len() < 20_000, "the disk does not fill up");
+        assert!(
+            reported.receipts.len() < 20_000,
+            "the disk does not fill up"
+        );
     };
     println!("{} entries, then: {error}", ledger.size());
     assert!(!matches!(error, LedgerError::Rule(_)), "{error}");
@@ -187,11 +190,11 @@ fn fill(dir: &Path, more_room: impl FnOnce()) {
     assert!(matches!(again, Err(LedgerError::Poisoned)), "{again:?}");
     assert!(ledger.size() > 100, "this tests little");
     drop(ledger);
-    // While the disk is still full, the ledger opens or says why it does not. The attempt loses nothing.
+    // While the disk is still full, the ledger opens or states why it does not. The attempt loses nothing.
     let full = Ledger::open(dir, None, log_key()).map(drop);
     println!("opened while full: {full:?}");
     more_room();
-    check(dir, &said, "after the disk was full");
+    check(dir, &reported, "after the disk was full");
 }
 
 #[test]
@@ -257,10 +260,10 @@ fn a_file_that_may_not_grow_stops_the_ledger_and_when_it_may_it_goes_on() {
         .env(LIMITED, scratch.path().join("ledger"))
         .output()
         .unwrap();
-    let said = String::from_utf8_lossy(&output.stdout);
+    let reported = String::from_utf8_lossy(&output.stdout);
     assert!(
-        output.status.success() && said.contains("went on"),
-        "{said}{}",
+        output.status.success() && reported.contains("went on"),
+        "{reported}{}",
         String::from_utf8_lossy(&output.stderr)
     );
 }

@@ -236,7 +236,7 @@ fn any_checkpoint_of_another_tree_keeps_a_ledger_from_opening() {
         .sign(ORIGIN, &log_key())
         .unwrap()
     };
-    // The log's own key signed these checkpoints. They are of another root, or of another size than their place says.
+    // The log's own key signed these checkpoints. They are of another root, or of another size than their place states.
     for (place, text) in [(7u64, forged(7, 1)), (7, forged(8, 1)), (5, forged(5, 2))] {
         let copied = tempfile::tempdir().unwrap();
         copy(dir.path(), copied.path());

@@ -2,7 +2,7 @@
 //! with strace, and puts together the disk as it may be after a failure at any of these moments. Everything that was acknowledged has
 //! to be there, and the log must have signed only one history.
 
-use crate::network::scenario::{check, child, said, scratch as memory, strace, ENTRIES, PLAIN};
+use crate::network::scenario::{check, child, reported, scratch as memory, strace, ENTRIES, PLAIN};
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -294,9 +294,9 @@ fn power_fails_in(folder: &str) {
                 &[Left::Nothing, Left::Names, Left::Half]
             }
         };
-        let said = said(&told);
-        acknowledged = said.receipts.len();
-        if !said.begun {
+        let reported = reported(&told);
+        acknowledged = reported.receipts.len();
+        if !reported.begun {
             continue;
         }
         for &left in left {
@@ -306,7 +306,7 @@ fn power_fails_in(folder: &str) {
                 "power fails after call {at} ({}), left: {left:?}",
                 call.name
             );
-            check(&found.path().join("new").join(folder), &said, &when);
+            check(&found.path().join("new").join(folder), &reported, &when);
             failures += 1;
         }
     }

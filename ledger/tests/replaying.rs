@@ -150,7 +150,7 @@ fn checkpoints_may_be_sparse_but_not_where_something_follows_from_them() {
         assert_eq!(report.findings[0].index, index, "{:?}", report.findings);
         db.put(db_key(b'c', missing), text).unwrap();
     }
-    // The log signed this checkpoint, but it is of another size than its place says.
+    // The log signed this checkpoint, but it is of another size than its place states.
     let other = db.get(db_key(b'c', last)).unwrap().unwrap();
     db.put(db_key(b'c', opened + 5), other).unwrap();
     let report = replay(dir.path(), None, &mut ());
@@ -237,7 +237,7 @@ fn a_log_that_does_not_continue_what_was_verified_is_named() {
     let report = go_on(&one, &file, &mut Finder::default());
     assert_eq!(report.verdict, Verdict::Verified);
     let kept = fs::read(&file).unwrap();
-    let says = |dir: &Path, words: &str| {
+    let reports = |dir: &Path, words: &str| {
         for begins_again in [false, true] {
             let saved = SavedReplay::read(&file).unwrap();
             let (from, known) = match begins_again {
@@ -261,19 +261,19 @@ fn a_log_that_does_not_continue_what_was_verified_is_named() {
             );
         }
     };
-    says(
+    reports(
         &short,
         "ROLLED BACK: an earlier audit verified 477 entries, but now there are 77",
     );
     let (fork, other) = (scratch.path().join("fork"), scratch.path().join("other"));
     Long::found(&fork, 1).rounds(30);
-    says(&fork, "FORKED");
+    reports(&fork, "FORKED");
     let stranger = zk0_protocol::Genesis {
         nonce: [10; 32],
         ..genesis()
     };
     Long::found_as(&other, stranger, 0).rounds(30);
-    says(&other, "is of network");
+    reports(&other, "is of network");
     // The last checkpoint has to be valid even if there are no new entries.
     drop(long);
     let db = DB::open_default(one.join("log")).unwrap();
@@ -283,7 +283,7 @@ fn a_log_that_does_not_continue_what_was_verified_is_named() {
     forged[at] ^= 1;
     db.put(db_key(b'c', 477), &forged).unwrap();
     fs::write(one.join("checkpoint"), &forged).unwrap();
-    says(&one, "");
+    reports(&one, "");
 }
 
 #[test]
@@ -318,8 +318,12 @@ fn a_memory_that_cannot_be_written_is_said_and_spoils_nothing() {
     let nowhere = dir.path().join("no/such/folder/state");
     let report = go_on(dir.path(), &nowhere, &mut Finder::default());
     assert_eq!(report.verdict, Verdict::Verified);
-    let said = |finding: &Finding| finding.text.contains("cannot be saved");
-    assert!(report.findings.iter().any(said), "{:?}", report.findings);
+    let reported = |finding: &Finding| finding.text.contains("cannot be saved");
+    assert!(
+        report.findings.iter().any(reported),
+        "{:?}",
+        report.findings
+    );
     let why = report
         .unsaved
         .expect("a caller can tell it from other notes");
@@ -341,7 +345,7 @@ fn what_was_seen_has_to_stay_even_if_it_was_not_saved() {
         size: report.entries,
         root: report.root.unwrap().parse().unwrap(),
     });
-    let says = |dir: &Path, verdict: Verdict, words: &str| {
+    let reports = |dir: &Path, verdict: Verdict, words: &str| {
         let options = ReplayOptions {
             seen,
             keep: keep(&state, Duration::ZERO),
@@ -352,10 +356,10 @@ fn what_was_seen_has_to_stay_even_if_it_was_not_saved() {
         let last = report.findings.last().unwrap();
         assert!(last.text.contains(words), "{last:?}");
     };
-    says(&short, Verdict::Failed, "ROLLED BACK");
-    says(&fork, Verdict::Failed, "FORKED");
+    reports(&short, Verdict::Failed, "ROLLED BACK");
+    reports(&fork, Verdict::Failed, "FORKED");
     assert!(!state.exists(), "nothing of these logs is saved");
-    says(&one, Verdict::Verified, "that was all");
+    reports(&one, Verdict::Verified, "that was all");
 }
 
 #[test]

@@ -87,7 +87,7 @@ fn a_witness_answers_as_the_specification_says() {
     // The same checkpoint is sent again, and a later one is sent.
     assert_eq!(ask(&mut witness, 8, 8), 200);
     assert_eq!(ask(&mut witness, 8, 13), 200);
-    // The request names an old size that is not the witness's last one. The answer says which is.
+    // The request names an old size that is not the witness's last one. The answer states which is.
     for old in [0, 8, 12] {
         let refused = witness
             .add(&request(&shelf, old, 15).encode(), NOW)

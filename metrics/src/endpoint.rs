@@ -23,7 +23,7 @@ pub trait Observed: Send + Sync + 'static {
     /// All metrics as text.
     ///
     /// # Errors
-    /// A sentence that says why there are none.
+    /// A sentence that states why there are none.
     fn metrics_text(&self) -> BoxFuture<'_, Result<String, String>>;
 
     /// A sentence for each thing that is wrong. There is none if the service is in order.

@@ -68,7 +68,7 @@ impl BaseLosses {
             Some(last) if last.round == round => {
                 if last.base != base.to_string() {
                     let why = format!(
-                        "it says that round {round} begins with weights {}, but the round begins with {base}",
+                        "it states that round {round} begins with weights {}, but the round begins with {base}",
                         last.base
                     );
                     return Err(broken(&self.path, why));
@@ -177,10 +177,10 @@ mod tests {
             (text[..text.len() - 1].into(), "EOF"),
         ] {
             fs::write(&path, &broken).unwrap();
-            let said = refused(&losses(&dir), 4, BASE);
+            let reported = refused(&losses(&dir), 4, BASE);
             assert!(
-                said.contains(why) && said.contains("move it away"),
-                "{said}"
+                reported.contains(why) && reported.contains("move it away"),
+                "{reported}"
             );
         }
         let entry = text.split('[').nth(1).unwrap().split(']').next().unwrap();

@@ -99,6 +99,8 @@ pub struct GovernanceInfo {
     pub now_ms: u64,
     /// The guest program in force.
     pub program: Program,
+    /// Too few witnesses cosign, so this shows entries that are not published.
+    pub not_cosigned: bool,
 }
 
 pub(crate) fn unexpected(expected: &str, found: impl Into<String>) -> NodeError {
@@ -351,7 +353,14 @@ impl NodeClient {
             leaves,
         };
         let receipt = patiently!(self.client.record(self.headed(&about, message.clone())?));
-        let (receipt, _, entry) = self.opened(receipt.into_inner())?;
+        let receipt = receipt.into_inner();
+        if receipt.not_cosigned {
+            let entry = receipt.index;
+            tracing::warn!(
+                "entry {entry} is recorded, and counts, but too few witnesses have cosigned it yet"
+            );
+        }
+        let (receipt, _, entry) = self.opened(receipt)?;
         if entry.body == body {
             Ok(receipt)
         } else {
@@ -392,6 +401,7 @@ impl NodeClient {
             proposals,
             now_ms: info.now_ms,
             program: program(&info.program)?,
+            not_cosigned: info.not_cosigned,
         })
     }
 

@@ -144,7 +144,7 @@ pub enum ParticipantError {
     },
     /// A further argument would show a sample.
     #[error(
-        "{opened} arguments have opened sample {leaf} of the evaluation set, and no more than that hide it, so the node makes no further one about it. The node registers its recording again by itself, under a fresh secret. If it cannot (its log says why), move the files `secret` and `registration` out of {}, and start it again",
+        "{opened} arguments have opened sample {leaf} of the evaluation set, and no more than that hide it, so the node makes no further one about it. The node registers its recording again by itself, under a fresh secret. If it cannot (its log states why), move the files `secret` and `registration` out of {}, and start it again",
         folder.display()
     )]
     WornOut {

@@ -168,7 +168,7 @@ impl Participant {
                 Err(error) if error.is_of_training() => {
                     let rates = match opened.rules.strategy {
                         Strategy::Scaffold(_) => {
-                            " (the rules say how this round is trained, and a vote changes them)"
+                            " (the rules state how this round is trained, and a vote changes them)"
                         }
                         _ => "",
                     };

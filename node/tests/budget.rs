@@ -121,10 +121,10 @@ async fn an_argument_that_was_never_sent_is_counted() {
         panic!("{refused}");
     };
     assert_eq!(opened, most);
-    let said = refused.to_string();
+    let reported = refused.to_string();
     assert!(
-        said.contains("registers its recording again by itself"),
-        "{said}"
+        reported.contains("registers its recording again by itself"),
+        "{reported}"
     );
 }
 
@@ -192,11 +192,11 @@ async fn a_lost_or_damaged_file_stops_the_argument_and_stays_as_it_is() {
             Some(bytes) => fs::write(&path, bytes).unwrap(),
             None => fs::remove_file(&path).unwrap(),
         }
-        let said = prepared(&state, &input).await.unwrap_err().to_string();
-        assert!(said.contains(why), "{said}");
+        let reported = prepared(&state, &input).await.unwrap_err().to_string();
+        assert!(reported.contains(why), "{reported}");
         assert!(
-            said.contains("move the files `secret` and `registration` out of"),
-            "{said}"
+            reported.contains("move the files `secret` and `registration` out of"),
+            "{reported}"
         );
         assert_eq!(fs::read(&path).ok(), bytes, "it was overwritten");
     }

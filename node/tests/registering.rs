@@ -259,21 +259,24 @@ async fn a_node_whose_secret_is_lost_stops_and_says_how_to_register_again() {
             Some(bytes) => fs::write(&secret, bytes).unwrap(),
             None => fs::remove_file(&secret).unwrap(),
         }
-        let said = scene.enters().await.err().unwrap().to_string();
+        let reported = scene.enters().await.err().unwrap().to_string();
         let step = format!(
             "move the files `secret` and `registration` out of {}, and start the node again",
             scene.state.path().display()
         );
-        assert!(said.contains(why) && said.contains(&step), "{said}");
+        assert!(
+            reported.contains(why) && reported.contains(&step),
+            "{reported}"
+        );
         assert_eq!(fs::read(&secret).ok(), bytes, "it was overwritten");
     }
     assert_eq!(scene.roots().await, [first.commitment.root]);
-    // A damaged file stops the node even where nothing else says that it has registered.
+    // A damaged file stops the node even where nothing else states that it has registered.
     fs::remove_file(&registration).unwrap();
     fs::write(&secret, &good[1..]).unwrap();
-    let said = scene.enters().await.err().unwrap().to_string();
-    assert!(said.contains("is damaged"), "{said}");
-    // The operator does what the error says.
+    let reported = scene.enters().await.err().unwrap().to_string();
+    assert!(reported.contains("is damaged"), "{reported}");
+    // The operator does what the error states.
     fs::remove_file(&secret).unwrap();
     let second = scene.enters().await.unwrap();
     let roots = [first.commitment.root, second.commitment.root];

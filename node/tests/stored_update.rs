@@ -52,7 +52,7 @@ fn store<T: Send + 'static>(
 }
 
 /// Answers with a status.
-fn says(status: &str, more: &str) -> impl FnOnce(TcpStream) + Send + 'static {
+fn reports(status: &str, more: &str) -> impl FnOnce(TcpStream) + Send + 'static {
     let answer =
         format!("HTTP/1.1 {status}\r\n{more}content-length: 0\r\nconnection: close\r\n\r\n");
     move |mut stream| stream.write_all(answer.as_bytes()).unwrap()
@@ -65,14 +65,14 @@ fn put(client: &StoreClient, address: &str) -> Result<(), StoredUpdateError> {
 /// Why an update is not put at this address, which may not show the signature.
 #[track_caller]
 fn refused(client: &StoreClient, address: &str) -> String {
-    let said = put(client, address).unwrap_err().to_string();
-    assert!(!said.contains("secret"), "{said}");
-    said
+    let reported = put(client, address).unwrap_err().to_string();
+    assert!(!reported.contains("secret"), "{reported}");
+    reported
 }
 
 #[test]
 fn the_whole_update_is_put_with_its_length() {
-    let (address, got) = store(says("200 OK", ""));
+    let (address, got) = store(reports("200 OK", ""));
     let update: Vec<u8> = (0..300_000u32).map(|at| (at % 251) as u8).collect();
     plain().put(&address, &update).unwrap();
     let ((head, body), ()) = got.join().unwrap();
@@ -98,13 +98,16 @@ fn a_store_that_refuses_gets_nothing_of_the_update() {
             got.extend(&some[..read]);
         }
         // This closes the connection, as stores do that are asked for too much.
-        says("503 Slow Down", "")(stream);
+        reports("503 Slow Down", "")(stream);
         String::from_utf8(got).unwrap().to_lowercase()
     });
     let update = vec![7; 32 << 20];
     let address = format!("http://{host}/a?signature=secret");
-    let said = plain().put(&address, &update).unwrap_err().to_string();
-    assert!(said.contains("does not take the update: 503"), "{said}");
+    let reported = plain().put(&address, &update).unwrap_err().to_string();
+    assert!(
+        reported.contains("does not take the update: 503"),
+        "{reported}"
+    );
     let head = got.join().unwrap();
     assert!(head.contains("content-length: 33554432"), "{head}");
     assert!(head.contains("expect: 100-continue"), "{head}");
@@ -117,14 +120,17 @@ fn an_update_does_not_leave_encryption() {
     listener.set_nonblocking(true).unwrap();
     let host = listener.local_addr().unwrap();
     let encrypted = beside("https://zk0.example:1");
-    let said = refused(&encrypted, &format!("http://{host}/a?signature=secret"));
-    assert!(said.contains(&format!("http://{host}, is not")), "{said}");
+    let reported = refused(&encrypted, &format!("http://{host}/a?signature=secret"));
+    assert!(
+        reported.contains(&format!("http://{host}, is not")),
+        "{reported}"
+    );
     assert!(listener.accept().is_err());
     // With encryption, anybody may be the store, and has to show a certificate.
     drop(listener);
     for client in [encrypted, plain()] {
-        let said = refused(&client, &format!("https://{host}/a?signature=secret"));
-        assert!(said.contains("cannot be reached"), "{said}");
+        let reported = refused(&client, &format!("https://{host}/a?signature=secret"));
+        assert!(reported.contains("cannot be reached"), "{reported}");
     }
 }
 
@@ -167,13 +173,16 @@ async fn an_encrypted_store_shows_a_certificate_that_the_node_believes() {
         StoreClient::beside(&aggregator.with_ca(Some(dir.path().join(CA)))),
     );
     let address = format!("https://{host}/a?signature=secret");
-    let said = spawn_blocking(move || {
-        let said = refused(&without, &address);
+    let reported = spawn_blocking(move || {
+        let reported = refused(&without, &address);
         put(&with, &address).unwrap();
-        said
+        reported
     });
-    let said = said.await.unwrap();
-    assert!(said.contains("certificate is not signed by"), "{said}");
+    let reported = reported.await.unwrap();
+    assert!(
+        reported.contains("certificate is not signed by"),
+        "{reported}"
+    );
     assert!(got.await.unwrap().starts_with(b"PUT /a?signature=secret "));
 }
 
@@ -188,10 +197,10 @@ fn what_is_no_address_of_http_is_refused() {
         "file:///etc/passwd",
     ];
     for address in none.into_iter().chain([&*long]) {
-        let said = put(&plain(), address);
+        let reported = put(&plain(), address);
         assert!(
-            matches!(said, Err(StoredUpdateError::NoAddress)),
-            "{said:?}"
+            matches!(reported, Err(StoredUpdateError::NoAddress)),
+            "{reported:?}"
         );
     }
 }
@@ -206,9 +215,9 @@ fn nobody_leads_the_node_elsewhere() {
         "307 Temporary Redirect",
         "308 Permanent Redirect",
     ] {
-        let (address, got) = store(says(status, &location));
-        let said = refused(&plain(), &address);
-        assert!(said.contains(&status[..3]), "{said}");
+        let (address, got) = store(reports(status, &location));
+        let reported = refused(&plain(), &address);
+        assert!(reported.contains(&status[..3]), "{reported}");
         got.join().unwrap();
         let came = elsewhere.accept();
         assert!(came.is_err(), "{came:?}");
@@ -227,13 +236,13 @@ fn an_endless_answer_is_read_and_shown_in_part() {
         sent
     };
     let (address, got) = store(endless);
-    let said = refused(&plain(), &address);
+    let reported = refused(&plain(), &address);
     assert!(
-        said.contains("403 Forbidden <Code>AccessDenied</Code>"),
-        "{said}"
+        reported.contains("403 Forbidden <Code>AccessDenied</Code>"),
+        "{reported}"
     );
-    assert!(said.len() < 400, "{said}");
-    assert!(!said.contains(char::is_control), "{said:?}");
+    assert!(reported.len() < 400, "{reported}");
+    assert!(!reported.contains(char::is_control), "{reported:?}");
     let (_, sent) = got.join().unwrap();
     assert!(sent < 32 << 20, "{sent} bytes");
 }
@@ -243,9 +252,9 @@ fn a_store_that_is_not_there_is_named() {
     let free = TcpListener::bind("127.0.0.1:0").unwrap();
     let host = free.local_addr().unwrap();
     drop(free);
-    let said = refused(&plain(), &format!("http://{host}/a?signature=secret"));
+    let reported = refused(&plain(), &format!("http://{host}/a?signature=secret"));
     let expected = format!("the store at {host} cannot be reached");
-    assert!(said.contains(&expected), "{said}");
-    let said = refused(&plain(), &format!("http://user:secret@{host}/a"));
-    assert!(said.contains(&expected), "{said}");
+    assert!(reported.contains(&expected), "{reported}");
+    let reported = refused(&plain(), &format!("http://user:secret@{host}/a"));
+    assert!(reported.contains(&expected), "{reported}");
 }

@@ -15,7 +15,8 @@
 //! - [`tlog`]: RFC 6962 trees, C2SP checkpoints, cosignatures, tiles, receipts.
 //! - [`request_head`]: the signed heads of requests. [`pruning`]: the operator's statement on blobs no longer kept.
 //! - [`blob`]: bytes named by their SHA-256.
-//! - [`public_key`]: reads ed25519 public keys; [`quote`]: quotes a stranger's text; [`counted`]: counts for people.
+//! - [`public_key`]: reads ed25519 public keys; [`quote`]: quotes a stranger's text; [`counted`]: counts for people;
+//!   [`growing_waits`]: when a server is asked again.
 //! - `rpc`, with the feature `rpc`: the generated gRPC messages, and their conversions.
 
 pub mod blob;
@@ -23,6 +24,7 @@ pub mod challenge;
 pub mod counted;
 pub mod entries;
 pub mod evaluation_set;
+pub mod growing_waits;
 pub mod pruning;
 pub mod public_key;
 pub mod quote;

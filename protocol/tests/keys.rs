@@ -56,7 +56,7 @@ fn strict(key: &[u8; 32], message: &[u8], signature: &Signature) -> bool {
     VerifyingKey::from_bytes(key).is_ok_and(|key| key.verify_strict(message, signature).is_ok())
 }
 
-/// Returns what our own code says. All places have to say the same.
+/// Returns what our own code states. All places have to state the same.
 fn ours(vote: &Vote, signature: &Signature) -> bool {
     let signed = Signed {
         statement: *vote,

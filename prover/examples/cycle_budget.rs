@@ -2,7 +2,7 @@
 //!
 //! `cargo run --release --workspace --example cycle_budget FOLDER MODE SAMPLES PROFILE…`
 //!
-//! The folder holds the ELFs that `circuits/build-guest.sh --budget` writes. A program says when an operation starts and ends
+//! The folder holds the ELFs that `circuits/build-guest.sh --budget` writes. A program states when an operation starts and ends
 //! (`zk0_circuits::vm::budget`), in lines on its standard output. SP1's own executor counts these only in a build for profiling, so this
 //! example is a plain RV64IM interpreter with the system calls that the program makes. It counts one cycle for each instruction, as SP1
 //! does, and makes no proof.

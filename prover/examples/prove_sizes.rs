@@ -1,7 +1,7 @@
 //! zk0's side of `scripts/compare-ezkl`: claims over two samples for every model of a list, in modes `direct` and `succinct`:
 //! `cargo run --release --workspace --example prove_sizes -- SIZES.json OUTPUT.jsonl [--most-cycles N] [--execute-only] [MODEL…]`
 //!
-//! Each claim is executed first, and a JSON line says what that took. Then each claim of at most N cycles is proven, and another line says
+//! Each claim is executed first, and a JSON line states what that took. Then each claim of at most N cycles is proven, and another line states
 //! all of it. The last line of a model and mode counts. What has such a line is not measured again. Without a MODEL, all of them are taken.
 //!
 //! The input of a claim is made in a process of its own, so that its memory is measured by itself and is free again before SP1 starts. In mode
@@ -34,7 +34,7 @@ const PREPARE: &str = "--prepare";
 const MODES: [Mode; 2] = [Mode::Direct, Mode::Succinct];
 /// The fewest samples that a claim may have.
 const SAMPLES: u32 = 2;
-/// Claims of more guest cycles are not proven, unless the caller says another number. On two cores, a proof of as many takes half an hour.
+/// Claims of more guest cycles are not proven, unless the caller states another number. On two cores, a proof of as many takes half an hour.
 const MOST_CYCLES: u64 = 20_000_000;
 /// Claims that need more guest cycles in any case are not even executed, which would take longer than a quarter of an hour.
 const MOST_EXECUTED: u64 = 10_000_000_000;
@@ -195,7 +195,7 @@ impl Options {
         Ok(work)
     }
 
-    /// Whether a line says all that these options ask for.
+    /// Whether a line states all that these options ask for.
     fn is_done(&self, line: &Value) -> bool {
         let is_final = line["prove_seconds"].is_number() || line["cycles"].is_null();
         let cycles = line["cycles"].as_u64();
@@ -203,7 +203,7 @@ impl Options {
     }
 }
 
-/// Makes the input of a claim and executes it. There is no input where the line says that there can be no claim, or that it is too long.
+/// Makes the input of a claim and executes it. There is no input where the line states that there can be no claim, or that it is too long.
 async fn execute(executor: &Executor, work: &Work) -> Result<(Value, Option<GuestInput>), Failure> {
     let (model, mode, dims) = (&work.model, &work.mode, read_dims(&work.dims)?);
     let weights: usize = expert_tensors(&dims)

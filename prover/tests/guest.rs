@@ -290,7 +290,7 @@ async fn the_records_beside_the_elfs_are_true() {
     }
 }
 
-/// Where the recorded toolchain is not installed, this test is skipped and says so.
+/// Where the recorded toolchain is not installed, this test is skipped and states it.
 #[test]
 fn the_committed_elf_is_what_the_sources_give() {
     let build = Command::new(circuits().join("build-guest.sh"))

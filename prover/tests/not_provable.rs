@@ -1,4 +1,4 @@
-//! Why a claim is not proven: it does not hold, or a file fails, which says nothing about the claim.
+//! Why a claim is not proven: it does not hold, or a file fails, which states nothing about the claim.
 
 use std::borrow::Cow;
 use std::cell::Cell;

@@ -319,7 +319,7 @@ fn variants_follow_from_the_seed_and_are_cached() {
     let source = FrameSource::<PreparedSample>::new(None, &plain, named);
     let error = source.sample(0).unwrap_err().to_string();
     assert!(
-        error.contains("nothing says how to transform it"),
+        error.contains("nothing states how to transform it"),
         "{error}"
     );
 }

@@ -22,7 +22,7 @@ fn events_have_the_bytes_of_tensorboards_own_writer() {
     let file = fs::read(path).unwrap();
     let theirs = records(&file);
     let ours = ours.map(|event| event.bytes());
-    // Their first event also says which program wrote it.
+    // Their first event also states which program wrote it.
     assert!(theirs[0].starts_with(&ours[0]));
     assert_eq!(theirs[1..], ours[1..]);
     let framed: Vec<u8> = theirs.iter().flat_map(|data| record(data)).collect();

@@ -11,7 +11,7 @@ pub enum TensorError {
     #[error("truncated: {0} bytes are too few for a safetensors file")]
     NoHeader(u64),
     /// The header is larger than the limit.
-    #[error("the safetensors header says it has {bytes} bytes, more than the {limit} allowed")]
+    #[error("the safetensors header states it has {bytes} bytes, more than the {limit} allowed")]
     HeaderTooLarge { bytes: u64, limit: u64 },
     /// The header is longer than the file.
     #[error("truncated: the safetensors header has {header} bytes, only {left} follow")]

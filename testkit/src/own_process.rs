@@ -24,8 +24,8 @@ pub fn alone(test: &str, before: &[&str]) -> bool {
 /// The test's stderr in its own process; `None` within it. Fails if the test fails.
 #[track_caller]
 pub fn stderr_alone(test: &str) -> Option<String> {
-    let said = (!is_alone()).then(|| run(test, &[]).stderr)?;
-    Some(String::from_utf8_lossy(&said).into_owned())
+    let reported = (!is_alone()).then(|| run(test, &[]).stderr)?;
+    Some(String::from_utf8_lossy(&reported).into_owned())
 }
 
 #[track_caller]
@@ -35,10 +35,13 @@ fn run(test: &str, before: &[&str]) -> Output {
     let words = [before, &[program, test, "--exact", "--nocapture"]].concat();
     let mut command = Command::new(words[0]);
     let output = command.args(&words[1..]).env(ALONE, "1").output().unwrap();
-    let said = [&output.stdout[..], &output.stderr].concat();
-    let said = String::from_utf8_lossy(&said);
-    println!("{said}");
+    let reported = [&output.stdout[..], &output.stderr].concat();
+    let reported = String::from_utf8_lossy(&reported);
+    println!("{reported}");
     assert!(output.status.success(), "{test} fails in its own process");
-    assert!(said.contains(" 1 passed"), "no test has the name {test}");
+    assert!(
+        reported.contains(" 1 passed"),
+        "no test has the name {test}"
+    );
     output
 }

@@ -1,6 +1,6 @@
 //! What CONTRIBUTING.md promises about the tree as a whole.
 //!
-//! - [`structure`]: the crates depend on one another as the map says, an auditor's build stays light, and files are short and in their places.
+//! - [`structure`]: the crates depend on one another as the map states, an auditor's build stays light, and files are short and in their places.
 //! - [`targets`]: what runs in browsers and in the guest compiles for these targets.
 //! - [`deletions`]: checks are removed from a copy of the sources, and tests have to fail.
 

@@ -6,10 +6,10 @@ use std::process::Command;
 fn pure_crates_compile_for_browsers_and_for_the_guest() {
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/../scripts/check-targets.sh");
     let output = Command::new(script).output().unwrap();
-    let said = String::from_utf8_lossy(&output.stderr);
+    let reported = String::from_utf8_lossy(&output.stderr);
     match output.status.code() {
         Some(0) => {}
-        Some(2) => zk0_testkit::skipped::skipped(said),
-        _ => panic!("{said}"),
+        Some(2) => zk0_testkit::skipped::skipped(reported),
+        _ => panic!("{reported}"),
     }
 }

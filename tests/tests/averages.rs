@@ -164,7 +164,7 @@ fn with_strategy(
     moments: Option<ServerMoments>,
 ) -> State {
     let mut bytes = borsh::to_vec(state).unwrap();
-    // The last fields say what the round before started from, and the moments. Before the first round there is neither.
+    // The last fields state what the round before started from, and the moments. Before the first round there is neither.
     assert_eq!((state.moments(), bytes.pop()), (None, Some(0)));
     assert_eq!((state.earlier_base(), bytes.pop()), (None, Some(0)));
     bytes.extend(borsh::to_vec(&(earlier, moments)).unwrap());

@@ -50,7 +50,8 @@ fn check_changed(real: &Accepted, change: impl FnOnce(&mut Claim)) -> (RefusalCo
         .state
         .check_claim(claim, real.time_ms)
         .expect_err("the ledger fixes this");
-    let by_proof = check_proof(&changed.proof, claim, &key).expect_err("the proof says otherwise");
+    let by_proof =
+        check_proof(&changed.proof, claim, &key).expect_err("the proof states otherwise");
     assert!(matches!(refusal(real, &changed), RefusalCode::Signature));
     (by_ledger.code, by_proof.code)
 }

@@ -49,13 +49,13 @@ pub fn connections(
     let (connected, connections) = mpsc::channel(1);
     tokio::spawn(async move {
         let places = Arc::new(Semaphore::new(bounds.most.max(1)));
-        let (mut handshakes, mut said) = (JoinSet::new(), None);
+        let (mut handshakes, mut reported) = (JoinSet::new(), None);
         loop {
             while handshakes.try_join_next().is_some() {}
             if places.available_permits() == 0 {
                 let most = bounds.most;
                 let why = format!("all {most} connections are taken: others wait until one ends");
-                warn(&mut said, &why);
+                warn(&mut reported, &why);
             }
             // Meanwhile clients wait in the system's queue, without a file descriptor.
             let accepted = async {
@@ -71,7 +71,7 @@ pub fn connections(
                 Ok(accepted) => accepted,
                 Err(error) => {
                     // Probably no file descriptor is left; connections that end free some.
-                    warn(&mut said, &format!("a connection is refused: {error}"));
+                    warn(&mut reported, &format!("a connection is refused: {error}"));
                     sleep(Duration::from_millis(100)).await;
                     continue;
                 }
@@ -107,10 +107,10 @@ pub fn connections(
 }
 
 /// Logs it, unless something was logged a moment ago.
-fn warn(said: &mut Option<Instant>, why: &str) {
-    if said.is_none_or(|at| at.elapsed() >= SAY_AGAIN) {
+fn warn(reported: &mut Option<Instant>, why: &str) {
+    if reported.is_none_or(|at| at.elapsed() >= SAY_AGAIN) {
         tracing::warn!("{why}");
-        *said = Some(Instant::now());
+        *reported = Some(Instant::now());
     }
 }
 

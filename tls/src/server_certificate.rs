@@ -132,7 +132,7 @@ impl ServerCertificate {
 
     /// Reads the files repeatedly. Later connections see a new certificate. Before a certificate ends, logs a warning each day.
     pub async fn watch(self: Arc<Self>, every: Duration) {
-        let mut said = String::new();
+        let mut reported = String::new();
         let mut warned: Option<Instant> = None;
         loop {
             sleep(every).await;
@@ -150,14 +150,14 @@ impl ServerCertificate {
                 Ok(true) => {
                     let path = self.certificate.display();
                     tracing::info!("new connections are shown the new certificate in {path}");
-                    said.clear();
+                    reported.clear();
                     warned = None;
                 }
                 Err(error) => {
                     let why = error.to_string();
-                    if said != why {
+                    if reported != why {
                         tracing::error!("{why}; the old certificate stays");
-                        said = why;
+                        reported = why;
                     }
                 }
             }

@@ -45,7 +45,7 @@ pub enum ConnectError {
         why: String,
     },
     /// There are certificates to check, but no encryption.
-    #[error("{} says whose certificates count, but the {service} at {url} has none: use https://", .file.display())]
+    #[error("{} states whose certificates count, but the {service} at {url} has none: use https://", .file.display())]
     NotEncrypted {
         /// What the service is.
         service: &'static str,

@@ -16,7 +16,7 @@ use zk0_verifier::combine::source::WeightsInMemory;
 use zk0_verifier::{CheckedUpdate, Evaluation, WeightFiles};
 use zk0_weights::Unread;
 
-/// A claim about these files. Its proof would say nothing about weights that are not evaluated.
+/// A claim about these files. Its proof would state nothing about weights that are not evaluated.
 fn claim(files: &WeightFiles) -> Claim {
     let dataset = DatasetCommitment {
         root: Digest([3; 32]),
@@ -33,7 +33,7 @@ fn claim(files: &WeightFiles) -> Claim {
     }
 }
 
-/// What the verifier says to a claim about these weights, apart from its proof.
+/// What the verifier states to a claim about these weights, apart from its proof.
 fn checked(base: &Tensors, update: &Tensors) -> Result<CheckedUpdate, Refusal> {
     let spec = EvalSpec::micro();
     let files = WeightFiles {

@@ -21,7 +21,7 @@ fn honest() -> (Tensors, Tensors) {
     (base, update)
 }
 
-/// What the verifier says of files and what a proof left, which had a digest.
+/// What the verifier states of files and what a proof left, which had a digest.
 fn told(base: &Tensors, update: &Tensors, left: &[u8], claimed: &Digest) -> Result<(), Refusal> {
     let spec = EvalSpec::micro();
     let (base, update) = (file(&spec, base), file(&spec, update));
@@ -81,7 +81,7 @@ fn bytes_after_the_claims_are_refused() {
     assert_eq!(told(&base, &update, &left, &claimed), refused);
 }
 
-/// What the verifier says of a claim that names a weight check or none, apart from its proof.
+/// What the verifier states of a claim that names a weight check or none, apart from its proof.
 fn checked(weight_check: Option<Digest>, left: &[u8]) -> Result<(), Refusal> {
     let spec = EvalSpec::micro();
     let (base, update) = honest();

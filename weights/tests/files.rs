@@ -173,11 +173,11 @@ fn wrong_types_and_shapes_are_named() {
         change(dtype, shape, data);
         refused(&file(&raw, "")).to_string()
     };
-    let said = changed(&|dtype, _, _| *dtype = Dtype::F16);
-    assert_eq!(said, format!("tensor '{FIRST}' is F16, expected I16"));
-    let said = changed(&|_, shape, _| shape.reverse());
+    let reported = changed(&|dtype, _, _| *dtype = Dtype::F16);
+    assert_eq!(reported, format!("tensor '{FIRST}' is F16, expected I16"));
+    let reported = changed(&|_, shape, _| shape.reverse());
     assert_eq!(
-        said,
+        reported,
         format!("tensor '{FIRST}' has shape [8, 12], expected [12, 8]")
     );
     // What somebody gets who uploads LeRobot's float32 weights.
@@ -190,8 +190,8 @@ fn wrong_types_and_shapes_are_named() {
             TensorView::new(Dtype::F32, shape.clone(), data).unwrap(),
         )
     });
-    let said = refused(&safetensors::serialize(views, None).unwrap()).to_string();
-    assert_eq!(said, format!("tensor '{FIRST}' is F32, expected I16"));
+    let reported = refused(&safetensors::serialize(views, None).unwrap()).to_string();
+    assert_eq!(reported, format!("tensor '{FIRST}' is F32, expected I16"));
 }
 
 /// With a second file for the same weights, a copied update would have another digest than the one it was copied from.

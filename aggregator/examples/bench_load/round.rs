@@ -46,7 +46,7 @@ pub async fn measure(count: u16) {
         node.register(&network).await
     })
     .await;
-    said(
+    reported(
         "register_datasets",
         &registered.seconds,
         registered.repeated,
@@ -56,12 +56,12 @@ pub async fn measure(count: u16) {
         node.upload(&network, 0, &weights(number as u32 + 1)).await
     })
     .await;
-    said("upload_updates", &uploaded.seconds, uploaded.repeated);
+    reported("upload_updates", &uploaded.seconds, uploaded.repeated);
     let committed = all_ask(&network, &nodes, |number, network, node| async move {
         node.commit(&network, 0, &weights(number as u32 + 1)).await
     })
     .await;
-    said("commit", &committed.seconds, committed.repeated);
+    reported("commit", &committed.seconds, committed.repeated);
 
     network.drawn().await;
     let claims = Arc::new(claims(&network, &nodes).await);
@@ -104,7 +104,7 @@ pub async fn measure(count: u16) {
     figure("peak_memory_of_all", peak_memory(), None, "MiB");
 }
 
-fn said(bench: &str, seconds: &f64, repeated: usize) {
+fn reported(bench: &str, seconds: &f64, repeated: usize) {
     figure(bench, *seconds, None, "s");
     eprintln!("{repeated} requests were repeated");
 }

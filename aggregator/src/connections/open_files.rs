@@ -18,7 +18,7 @@ pub fn fit(limits: &mut ConnectionLimits, log: usize) {
     let allowed = match rlimit::increase_nofile_limit(wanted) {
         Ok(allowed) => allowed,
         Err(error) => {
-            tracing::warn!("the system does not say how many files may be open: {error}");
+            tracing::warn!("the system does not state how many files may be open: {error}");
             return;
         }
     };

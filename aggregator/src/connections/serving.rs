@@ -52,7 +52,7 @@ impl Serving {
         let places = ConnectionSlots::new(&self.limits, self.metrics.open.clone());
         let (stopping, stopped) = watch::channel(false);
         let (serving, mut connections) = (Arc::new(self), JoinSet::new());
-        let (mut stop, mut said) = (pin!(stop), None);
+        let (mut stop, mut reported) = (pin!(stop), None);
         loop {
             while connections.try_join_next().is_some() {}
             let accepted = tokio::select! {
@@ -68,9 +68,9 @@ impl Serving {
                 // Most likely no file descriptor is left. Ending connections give some back.
                 Err(error) => {
                     serving.metrics.lost(ConnectionLoss::OpenFiles);
-                    if said.is_none_or(|at: Instant| at.elapsed() >= SAY_AGAIN) {
+                    if reported.is_none_or(|at: Instant| at.elapsed() >= SAY_AGAIN) {
                         tracing::warn!("a connection is refused: {error}");
-                        said = Some(Instant::now());
+                        reported = Some(Instant::now());
                     }
                     sleep(Duration::from_millis(100)).await;
                 }

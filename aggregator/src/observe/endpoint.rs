@@ -29,6 +29,9 @@ async fn sampled(service: &Service) -> Result<String, String> {
         .as_ref()
         .map_or(0, |shown| shown.ends_s());
     metrics.certificate_ends.set(ends_s);
+    if let Some(witnesses) = service.witnesses() {
+        metrics.cosignatures.take(&witnesses.states());
+    }
     let sampled = metrics.blobs.clone();
     let taken = spawn_blocking(move || sampled.take(&blobs)).await;
     taken.map_err(|error| error.to_string())?;

@@ -3,6 +3,7 @@
 use crate::observe::answers::RequestMetrics;
 use crate::observe::blob_store::BlobMetrics;
 use crate::observe::connections::ConnectionMetrics;
+use crate::observe::cosignatures::CosignatureMetrics;
 use crate::observe::outcomes::OutcomeMetrics;
 use crate::observe::sample::Sampled;
 use prometheus_client::metrics::gauge::Gauge;
@@ -29,6 +30,7 @@ pub struct Metrics {
     pub(super) certificate_ends: Gauge,
     pub(super) sampled: Sampled,
     pub(super) blobs: BlobMetrics,
+    pub(super) cosignatures: CosignatureMetrics,
 }
 
 impl Default for Metrics {
@@ -73,6 +75,7 @@ impl Default for Metrics {
         );
         let sampled = Sampled::registered(&mut registry);
         let blobs = BlobMetrics::registered(&mut registry);
+        let cosignatures = CosignatureMetrics::registered(&mut registry);
         Self {
             registry: Arc::new(registry),
             requests,
@@ -86,6 +89,7 @@ impl Default for Metrics {
             certificate_ends,
             sampled,
             blobs,
+            cosignatures,
         }
     }
 }

@@ -3,6 +3,7 @@
 pub(crate) mod answers;
 mod blob_store;
 pub(crate) mod connections;
+mod cosignatures;
 mod endpoint;
 pub(crate) mod entry_store;
 pub mod machine;
@@ -13,4 +14,3 @@ mod sample;
 pub(crate) mod snapshot;
 pub(crate) mod status;
 pub mod troubles;
-pub mod witness;

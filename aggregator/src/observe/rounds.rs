@@ -26,7 +26,7 @@ impl Service {
             match overdue.await {
                 Ok(true) => self.troubles().raise(
                     Kind::Overdue,
-                    "the open round has not closed for longer than a round may last; the log of the aggregator says what it waits for",
+                    "the open round has not closed for longer than a round may last; the log of the aggregator states what it waits for",
                 ),
                 Ok(false) => self.troubles().clear(Kind::Overdue),
                 Err(error) => return error,
@@ -40,11 +40,11 @@ impl Service {
             Ok(Polled::Did(_) | Polled::Run(_) | Polled::Idle(_)) => None,
             Ok(Polled::Unanswered(..)) => Some((
                 Kind::Beacon,
-                "no server has given the beacon that the open round waits for; the log of the aggregator says why",
+                "no server has given the beacon that the open round waits for; the log of the aggregator states why",
             )),
             Ok(Polled::Blocked(_)) => Some((
                 Kind::Blocked,
-                "a round cannot open or close, or a dispute cannot be decided; the log of the aggregator says why",
+                "a round cannot open or close, or a dispute cannot be decided; the log of the aggregator states why",
             )),
             Err(_) => Some((
                 Kind::Clock,

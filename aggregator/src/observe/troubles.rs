@@ -98,9 +98,12 @@ pub fn stops_network(kind: Kind) -> bool {
     match kind {
         Kind::Blocked | Kind::Clock | Kind::Fork | Kind::Task | Kind::Overdue => true,
         // It ends when others answer again.
-        Kind::LogStore | Kind::Witnesses | Kind::Beacon | Kind::BlobStore | Kind::Unspecified => {
-            false
-        }
+        Kind::LogStore
+        | Kind::Witnesses
+        | Kind::Beacon
+        | Kind::BlobStore
+        | Kind::WitnessAway
+        | Kind::Unspecified => false,
     }
 }
 
@@ -115,6 +118,7 @@ pub fn stops_requests(kind: Kind) -> bool {
         | Kind::LogStore
         | Kind::Witnesses
         | Kind::Beacon
+        | Kind::WitnessAway
         | Kind::Overdue
         | Kind::Unspecified => false,
     }

@@ -60,7 +60,7 @@ pub enum ServerError {
 
 /// No server has the beacon.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("no server has given the beacon of drand round {round}. {}", said(.errors))]
+#[error("no server has given the beacon of drand round {round}. {}", reported(.errors))]
 pub struct NoBeacon {
     /// The beacon's round.
     pub round: u64,
@@ -68,7 +68,7 @@ pub struct NoBeacon {
     pub errors: Vec<(String, ServerError)>,
 }
 
-fn said(errors: &[(String, ServerError)]) -> String {
+fn reported(errors: &[(String, ServerError)]) -> String {
     let each = errors.iter().map(|(url, error)| format!("{url}: {error}"));
     each.collect::<Vec<_>>().join("; ")
 }

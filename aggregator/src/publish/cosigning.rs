@@ -1,35 +1,25 @@
-//! Asks witnesses for cosignatures (C2SP tlog-witness, `add-checkpoint`), all at once, until the policy's quorum is met or time is over.
+//! Asks witnesses for cosignatures (C2SP tlog-witness, `add-checkpoint`), all at once, until the policy's quorum is met or time is over. A witness
+//! that does not cosign is asked again after growing waits.
 
+use crate::publish::witness_client::{AnswerCount, CosigningClient, NotCosigned, WitnessState};
 use std::panic::resume_unwind;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{mpsc, Arc};
+use std::sync::Arc;
 use std::thread::{self, ScopedJoinHandle};
 use std::time::{Duration, Instant};
 use tracing::{info_span, instrument, Span};
-use zk0_circuits::Digest;
-use zk0_ledger::published::http_client::{HttpClient, HttpError};
+use zk0_ledger::published::http_client::HttpClient;
 use zk0_protocol::challenge::drawing::Cosignature;
-use zk0_protocol::quote::short;
 use zk0_protocol::tlog::checkpoint::{CheckpointError, Parsed};
-use zk0_protocol::tlog::cosigner;
-use zk0_protocol::tlog::witness::AddCheckpoint;
-use zk0_protocol::tlog::witness_policy::{PolicyWitness, WitnessPolicy};
+use zk0_protocol::tlog::witness_policy::WitnessPolicy;
 use zk0_tls::authorities::{Authorities, AuthoritiesError};
-use zk0_traces::carried::{self, TRACEPARENT};
 
-/// Largest answer that is read, in bytes.
-const MAX_ANSWER_BYTES: u64 = 16 << 10;
-
-/// Tries while a witness knows another size of the log.
-const ATTEMPTS: usize = 3;
-
-/// Makes the consistency proof from one size to another.
-pub type ConsistencyProver = Arc<dyn Fn(u64, u64) -> Result<Vec<Digest>, String> + Send + Sync>;
+pub use crate::publish::witness_client::ConsistencyProver;
 
 /// The witnesses of a policy, and what the log knows of each.
 pub struct Witnesses {
     policy: WitnessPolicy,
     clients: Vec<Arc<CosigningClient>>,
+    answers: Arc<AnswerCount>,
     deadline: Duration,
 }
 
@@ -43,7 +33,7 @@ pub enum CosigningError {
     #[error("the witness policy has no address for witness {0}: add the address to the line of the witness")]
     NoAddress(String),
     /// A witness's address is not encrypted, but a file names trusted certificates.
-    #[error("{file} says whose certificates count for witnesses, but witness {name} at {url} has none: use https:// in the witness policy")]
+    #[error("{file} states whose certificates count for witnesses, but witness {name} at {url} has none: use https:// in the witness policy")]
     NotEncrypted {
         name: String,
         url: String,
@@ -63,20 +53,6 @@ pub enum CosigningError {
     },
 }
 
-/// Why a witness does not cosign.
-#[derive(Debug, thiserror::Error)]
-pub enum NotCosigned {
-    /// It has cosigned a later checkpoint.
-    #[error("has cosigned {last} entries of this log, but it has {size} now: the log was rolled back, or an old checkpoint was submitted")]
-    Behind { last: u64, size: u64 },
-    /// Its status and text. 409 and 422 mean that the tree does not continue the one that it has cosigned.
-    #[error("refuses (status {0}): {1}")]
-    Status(u16, String),
-    /// It cannot be asked, or its answer breaks the specification.
-    #[error("{0}")]
-    Failed(String),
-}
-
 /// A checkpoint that witnesses have cosigned.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Cosigned {
@@ -84,16 +60,6 @@ pub struct Cosigned {
     pub note: Vec<u8>,
     /// The cosignatures, in the policy's order.
     pub cosignatures: Vec<Cosignature>,
-}
-
-struct CosigningClient {
-    witness: PolicyWitness,
-    url: String,
-    client: HttpClient,
-    /// The size that the witness last cosigned, as far as known.
-    known: AtomicU64,
-    /// An earlier request is not answered yet.
-    busy: AtomicBool,
 }
 
 impl Witnesses {
@@ -125,18 +91,14 @@ impl Witnesses {
                         file: file.display().to_string(),
                     });
                 }
-                Ok(Arc::new(CosigningClient {
-                    witness: witness.clone(),
-                    url: format!("{}/add-checkpoint", url.trim_end_matches('/')),
-                    client: http.clone(),
-                    known: AtomicU64::new(0),
-                    busy: AtomicBool::new(false),
-                }))
+                let client = CosigningClient::new(witness, url, http.clone());
+                Ok(Arc::new(client))
             })
             .collect::<Result<_, CosigningError>>()?;
         Ok(Self {
             policy,
             clients,
+            answers: Arc::default(),
             deadline,
         })
     }
@@ -174,7 +136,34 @@ impl Witnesses {
         self.collect(checkpoint, prove, all, wanted)
     }
 
-    /// Asks all witnesses whether the log with this newest `checkpoint` continues what they cosigned. Returns how many know.
+    /// How the witnesses are, in the order of the policy.
+    pub fn states(&self) -> Vec<WitnessState> {
+        let states = self.clients.iter().map(|client| client.state());
+        states.collect()
+    }
+
+    /// Whether a witness that has not cosigned this checkpoint is being asked, or may be asked now.
+    pub fn may_answer(&self, checkpoint: &[u8]) -> bool {
+        let mut clients = self.clients.iter();
+        clients.any(|client| client.may_cosign(checkpoint))
+    }
+
+    /// Asks those witnesses again whose outage has lasted for long enough. `checkpoint` is the log's newest one. Waits for no answer.
+    pub fn ask_absent(
+        &self,
+        checkpoint: &[u8],
+        prove: &ConsistencyProver,
+    ) -> Result<(), CosigningError> {
+        let size = Parsed::read(checkpoint)?.checkpoint.size;
+        let absent = |client: &&Arc<CosigningClient>| client.state().outage.is_some();
+        for client in self.clients.iter().filter(absent) {
+            client.begin((checkpoint, size), prove, &self.answers);
+        }
+        Ok(())
+    }
+
+    /// Asks the witnesses that are to be asked now whether the log goes on from what they have cosigned. `checkpoint` is its newest one. Returns
+    /// how many know.
     ///
     /// # Errors
     /// A witness has cosigned more entries, or others.
@@ -184,31 +173,64 @@ impl Witnesses {
         prove: &ConsistencyProver,
     ) -> Result<usize, CosigningError> {
         let size = Parsed::read(checkpoint)?.checkpoint.size;
+        let due = self.clients.iter().filter(|client| client.is_due());
+        let due: Vec<_> = due.collect();
         let answers: Vec<_> = thread::scope(|scope| {
-            let ask = |client: &Arc<CosigningClient>| {
-                let (client, here) = (client.clone(), Span::current());
+            let ask = |client: &&Arc<CosigningClient>| {
+                let (client, here) = (Arc::clone(client), Span::current());
                 scope.spawn(move || {
                     let _here = here.enter();
                     let span = info_span!("ask a witness", zk0.witness = client.witness.name);
                     span.in_scope(|| client.ask(checkpoint, size, prove))
                 })
             };
-            let asked: Vec<_> = self.clients.iter().map(ask).collect();
+            let asked: Vec<_> = due.iter().map(ask).collect();
             asked.into_iter().map(ScopedJoinHandle::join).collect()
         });
         let mut known = 0;
-        for (client, answer) in self.clients.iter().zip(answers) {
+        for (client, answer) in due.into_iter().zip(answers) {
             let name = client.witness.name.clone();
             match answer {
-                Ok(Ok(_)) => known += 1,
+                Ok(Ok(())) => known += 1,
                 Ok(Err(why @ (NotCosigned::Behind { .. } | NotCosigned::Status(409 | 422, _)))) => {
                     return Err(CosigningError::OtherHistory { name, why })
                 }
-                Ok(Err(why)) => tracing::warn!("witness {name} {why}"),
+                Ok(Err(_)) => {}
                 Err(panic) => resume_unwind(panic),
             }
         }
         Ok(known)
+    }
+
+    /// Asks all witnesses once whether they cosign this log, whatever they have cosigned of it. `checkpoint` is any that the log has signed.
+    ///
+    /// # Errors
+    /// Those that do are not enough for the policy.
+    pub fn know(&self, checkpoint: &[u8]) -> Result<(), CosigningError> {
+        let answers: Vec<_> = thread::scope(|scope| {
+            let ask = |client: &Arc<CosigningClient>| {
+                let client = client.clone();
+                scope.spawn(move || client.knows(checkpoint))
+            };
+            let asked: Vec<_> = self.clients.iter().map(ask).collect();
+            let joined = asked.into_iter().map(ScopedJoinHandle::join);
+            joined
+                .map(|answer| answer.unwrap_or_else(|panic| resume_unwind(panic)))
+                .collect()
+        });
+        let known: Vec<_> = answers.iter().map(Result::is_ok).collect();
+        if self.policy.met_by(&known) {
+            return Ok(());
+        }
+        let refused = self.clients.iter().zip(answers);
+        let refused = refused.filter_map(|(client, answer)| {
+            let why = answer.err()?;
+            Some(format!("{} {why}", client.witness.name))
+        });
+        Err(CosigningError::NoQuorum {
+            wanted: self.policy.to_string(),
+            refused: refused.collect(),
+        })
     }
 
     #[instrument(name = "publish a checkpoint", skip_all)]
@@ -221,114 +243,38 @@ impl Witnesses {
     ) -> Result<Cosigned, CosigningError> {
         let size = Parsed::read(checkpoint)?.checkpoint.size;
         let until = Instant::now() + self.deadline;
-        let (sender, answers) = mpsc::channel();
-        for (at, client) in self.clients.iter().enumerate() {
-            let (client, sender) = (client.clone(), sender.clone());
-            let (checkpoint, prove) = (checkpoint.to_vec(), prove.clone());
-            if client.busy.swap(true, Ordering::AcqRel) {
-                let why = "has not answered an earlier request";
-                let _ = sender.send((at, Err(NotCosigned::Failed(why.into()))));
-                continue;
-            }
-            let span = info_span!("ask a witness", zk0.witness = client.witness.name);
-            thread::spawn(move || {
-                let answer = span.in_scope(|| client.ask(&checkpoint, size, &prove));
-                client.busy.store(false, Ordering::Release);
-                let _ = sender.send((at, answer));
-            });
-        }
-        drop(sender);
-        let mut note = checkpoint.to_vec();
-        let mut cosigned = vec![false; self.clients.len()];
-        let mut cosignatures = vec![None; self.clients.len()];
-        let mut refused = Vec::new();
-        while !enough(&cosigned) {
-            let left = until.saturating_duration_since(Instant::now());
-            let Ok((at, answer)) = answers.recv_timeout(left) else {
-                break;
-            };
-            match answer {
-                Ok((line, cosignature)) => {
-                    note.extend(line);
-                    cosigned[at] = true;
-                    cosignatures[at] = Some(cosignature);
+        loop {
+            let seen = self.answers.now();
+            let signed = self.clients.iter().map(|client| client.signed(checkpoint));
+            let signed: Vec<_> = signed.collect();
+            let cosigned: Vec<_> = signed.iter().map(Option::is_some).collect();
+            if enough(&cosigned) {
+                let (mut note, mut cosignatures) = (checkpoint.to_vec(), Vec::new());
+                for one in signed.into_iter().flatten() {
+                    note.extend(one.line);
+                    cosignatures.push(one.cosignature);
                 }
-                Err(why) => refused.push(format!("{} {why}", self.clients[at].witness.name)),
+                return Ok(Cosigned { note, cosignatures });
+            }
+            let clients = self.clients.iter().zip(cosigned);
+            let missing = clients.filter_map(|(client, cosigned)| (!cosigned).then_some(client));
+            let missing: Vec<_> = missing.collect();
+            let mut asked = false;
+            for client in &missing {
+                asked |= client.begin((checkpoint, size), prove, &self.answers);
+            }
+            if !asked || !self.answers.wait(seen, until) {
+                let refused = missing.iter().map(|client| {
+                    let WitnessState { name, outage, .. } = client.state();
+                    let why = outage.map(|outage| outage.why);
+                    format!(
+                        "{name} {}",
+                        why.as_deref().unwrap_or("has not answered yet")
+                    )
+                });
+                let refused = refused.collect();
+                return Err(CosigningError::NoQuorum { wanted, refused });
             }
         }
-        if enough(&cosigned) {
-            Ok(Cosigned {
-                note,
-                cosignatures: cosignatures.into_iter().flatten().collect(),
-            })
-        } else {
-            Err(CosigningError::NoQuorum { wanted, refused })
-        }
-    }
-}
-
-impl CosigningClient {
-    /// Returns the cosignature, after its line in the note.
-    fn ask(
-        &self,
-        checkpoint: &[u8],
-        size: u64,
-        prove: &ConsistencyProver,
-    ) -> Result<(Vec<u8>, Cosignature), NotCosigned> {
-        let failed = |why: &str| NotCosigned::Failed(why.into());
-        let note = Parsed::read(checkpoint)
-            .map_err(|error| failed(&error.to_string()))?
-            .note;
-        for _ in 0..ATTEMPTS {
-            let last = self.known.load(Ordering::Acquire);
-            if last > size {
-                return Err(NotCosigned::Behind { last, size });
-            }
-            let proof = if last == 0 || last == size {
-                Vec::new()
-            } else {
-                prove(last, size).map_err(NotCosigned::Failed)?
-            };
-            let request = AddCheckpoint {
-                old: last,
-                proof,
-                checkpoint: checkpoint.into(),
-            };
-            let (status, answer) = self
-                .post(&request.encode())
-                .map_err(|error| failed(&format!("cannot be asked: {error}")))?;
-            let text = || String::from_utf8_lossy(&answer).trim().to_owned();
-            match status {
-                200 => {
-                    let signature =
-                        cosigner::find(&answer, &self.witness.key, &note).ok_or_else(|| {
-                            failed("answered without a valid cosignature of this checkpoint")
-                        })?;
-                    let cosignature = signature.signature().try_into();
-                    let cosignature = cosignature
-                        .map_err(|_| failed("answered with a cosignature of another length"))?;
-                    self.known.store(size, Ordering::Release);
-                    return Ok((signature.to_bytes(), cosignature));
-                }
-                // 409 with a number gives the size that the witness knows. With a text, it has cosigned another tree of this size.
-                status => match (status, text().parse()) {
-                    (409, Ok(last)) => self.known.store(last, Ordering::Release),
-                    _ => return Err(NotCosigned::Status(status, short(&text()))),
-                },
-            }
-        }
-        Err(failed("names another size each time it is asked"))
-    }
-
-    /// Returns the answer's status and body.
-    fn post(&self, body: &[u8]) -> Result<(u16, Vec<u8>), HttpError> {
-        let parent = carried::traceparent();
-        let headers = parent.iter().map(|parent| (TRACEPARENT, &**parent));
-        let headers: Vec<_> = headers.collect();
-        let mut response = self.client.post(&self.url, &headers, body)?;
-        let body = response.body_mut().with_config().limit(MAX_ANSWER_BYTES);
-        let body = body.read_to_vec();
-        let body = body.map_err(|error| self.client.why(&error))?;
-        Ok((response.status().as_u16(), body))
     }
 }

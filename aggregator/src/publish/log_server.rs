@@ -1,21 +1,23 @@
 //! Serves a ledger's folder as a tiled log (C2SP tlog-tiles), read-only.
 
+use crate::growing_file::GrowingFile;
 use crate::line::WorkQueue;
 use crate::publish::file_answer::{begins, file_answer, file_head};
 use crate::publish::http::{answer, text, HttpLimits, Router, IMMUTABLE, NO_CACHE, TEXT};
+use crate::store_reads::StoreReads;
 use axum::extract::State;
 use axum::http::header::RETRY_AFTER;
 use axum::http::{HeaderMap, Method, Uri};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
-use std::collections::BTreeSet;
+use std::fmt::Display;
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use tokio::fs::File;
 use tokio::task::spawn_blocking;
 use zk0_circuits::Digest;
-use zk0_ledger::blobs::Blobs;
+use zk0_ledger::blobs::{BlobError, Blobs};
 use zk0_ledger::published::publication::{Content, Publication, PublicationError};
 use zk0_protocol::tlog::layout::Resource;
 
@@ -30,13 +32,15 @@ const WAITING: usize = 64;
 /// In seconds.
 const ASK_AGAIN: &str = "5";
 
+/// What is answered about a file that is not public.
+const NOT_PUBLISHED: &str = "this file is not published, or not yet\n";
+
 /// Serves one folder.
 pub struct LogServer {
     dir: PathBuf,
     blobs: Blobs,
     reading: WorkQueue,
-    /// Bytes of blobs in the folder; `None` for no limit.
-    cache_bytes: Option<u64>,
+    reads: StoreReads,
     held: Mutex<Option<Arc<Publication>>>,
 }
 
@@ -47,7 +51,7 @@ impl LogServer {
             dir: dir.into(),
             blobs: Blobs::at(dir),
             reading: WorkQueue::new(READING, WAITING),
-            cache_bytes: None,
+            reads: StoreReads::default(),
             held: Mutex::new(None),
         }
     }
@@ -58,11 +62,9 @@ impl LogServer {
     }
 
     /// Bounds the blobs in the folder, in bytes, after each read from the store. Not for an aggregator's folder.
-    pub fn with_blob_cache(self, bytes: u64) -> Self {
-        Self {
-            cache_bytes: Some(bytes),
-            ..self
-        }
+    pub fn with_blob_cache(mut self, bytes: u64) -> Self {
+        self.reads.cache_bytes = Some(bytes);
+        self
     }
 
     /// The log's routes.
@@ -121,13 +123,29 @@ impl LogServer {
         }
     }
 
-    fn shrink(&self) {
-        let Some(limit) = self.cache_bytes else {
-            return;
-        };
-        if let Err(error) = self.blobs.shrink(limit, &BTreeSet::new()) {
-            tracing::error!("the blobs in the ledger's folder stay: {error}");
+    /// Whether a blob is public.
+    fn publishes(&self, blob: &Digest) -> Result<bool, PublicationError> {
+        Ok(self.recent()?.is_public(blob) || self.newest()?.is_public(blob))
+    }
+
+    /// The file of a blob that is only in the store, or the answer that it cannot be had.
+    async fn from_store(self: &Arc<Self>, blob: Digest) -> Result<GrowingFile, Response> {
+        let reader = self.clone();
+        match spawn_blocking(move || reader.publishes(&blob)).await {
+            Ok(Ok(true)) => {}
+            Ok(Ok(false)) => return Err(text(404, NOT_PUBLISHED)),
+            Ok(Err(error)) => return Err(unreadable(&error)),
+            Err(error) => return Err(failed(&error)),
         }
+        let Some(place) = self.reading.place().await else {
+            let why = "too many wait for files that are only in the blob store: ask again later\n";
+            return Err(([(RETRY_AFTER, ASK_AGAIN)], text(503, why)).into_response());
+        };
+        let file = self.reads.open(&self.blobs, blob, place).await;
+        file.map_err(|error| match &*error {
+            BlobError::Missing(_) => text(404, NOT_PUBLISHED),
+            error => failed(error),
+        })
     }
 }
 
@@ -146,12 +164,6 @@ async fn read(
         Resource::Pruned => (BINARY, NO_CACHE),
         Resource::Tile(_) | Resource::Blob(_) => (BINARY, IMMUTABLE),
     };
-    let failed = |error: &dyn std::fmt::Display| {
-        // The error names paths, which are for the operator.
-        tracing::error!("{error}");
-        text(500, "the log cannot be read; its operator's log says why\n")
-    };
-    const NOT_PUBLISHED: &str = "this file is not published, or not yet\n";
     if let (&Method::HEAD, Resource::Blob(blob)) = (&method, &resource) {
         let (reader, blob) = (server.clone(), *blob);
         return match spawn_blocking(move || reader.blob_size(&blob)).await {
@@ -161,33 +173,25 @@ async fn read(
             Err(error) => failed(&error),
         };
     }
-    let place = match &resource {
-        Resource::Blob(blob) if !server.blobs.is_here(blob) => match server.reading.place().await {
-            Some(place) => Some(place),
-            None => {
-                let why =
-                    "too many wait for files that are only in the blob store: ask again later\n";
-                return ([(RETRY_AFTER, ASK_AGAIN)], text(503, why)).into_response();
-            }
-        },
+    let begins = begins(&method, &headers);
+    let away = match resource {
+        Resource::Blob(blob) => Some(blob).filter(|blob| !server.blobs.is_here(blob)),
         _ => None,
     };
+    if let Some(blob) = away {
+        let file = match server.from_store(blob).await {
+            Ok(file) => file,
+            Err(refused) => return refused,
+        };
+        let length = file.size();
+        let sent = file_answer(file, length, begins, kind, &limits).await;
+        return sent.unwrap_or_else(|error| failed(&format_args!("{path}: {error}")));
+    }
     let reader = server.clone();
-    let content = spawn_blocking(move || {
-        let content = reader.content(&resource);
-        if place.is_some() {
-            // The answer's blob is open by now.
-            reader.shrink();
-        }
-        // Taken until the thread is free, even if the reader has left.
-        drop(place);
-        content
-    });
-    let content = match content.await {
+    let content = match spawn_blocking(move || reader.content(&resource)).await {
         Ok(content) => content,
         Err(error) => return failed(&error),
     };
-    let begins = begins(&method, &headers);
     match content {
         // What changes is small, and its rest may be another version's.
         Ok(Some(Content::Bytes(bytes))) if cache == NO_CACHE => answer(200, kind, cache, bytes),
@@ -207,10 +211,26 @@ async fn read(
             sent.unwrap_or_else(|error| failed(&format_args!("{path}: {error}")))
         }
         Ok(None) => text(404, NOT_PUBLISHED),
-        Err(PublicationError::NotCosigned(_)) => text(
+        Err(error) => unreadable(&error),
+    }
+}
+
+/// The log cannot be read. The error names paths, which are for the operator.
+fn failed(error: &dyn Display) -> Response {
+    tracing::error!("{error}");
+    text(
+        500,
+        "the log cannot be read; its operator's log states why\n",
+    )
+}
+
+/// There is no published log, or it cannot be read.
+fn unreadable(error: &PublicationError) -> Response {
+    match error {
+        PublicationError::NotCosigned(_) => text(
             503,
             "nothing is published before the witnesses have cosigned a checkpoint\n",
         ),
-        Err(error) => failed(&error),
+        error => failed(error),
     }
 }

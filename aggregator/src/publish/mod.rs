@@ -6,4 +6,7 @@ pub mod cosigning;
 mod file_answer;
 pub mod http;
 pub mod log_server;
+pub mod new_witnesses;
+pub mod witness_client;
+pub mod witness_metrics;
 pub mod witness_server;

@@ -1,8 +1,8 @@
 //! A witness on the network: C2SP tlog-witness' `add-checkpoint`, and the last cosigned checkpoint of each log.
 
 use crate::clock::Clock;
-use crate::observe::witness::WitnessMetrics;
 use crate::publish::http::{answer, text, HttpLimits, Router, NO_CACHE, TEXT};
+use crate::publish::witness_metrics::WitnessMetrics;
 use axum::body::Bytes;
 use axum::extract::{Path, State};
 use axum::http::header::RETRY_AFTER;
@@ -32,7 +32,7 @@ pub struct WitnessServer {
     queue: Semaphore,
     clock: Arc<dyn Clock>,
     /// When the log last stated an invalid consistency proof.
-    said: Mutex<Option<Duration>>,
+    reported: Mutex<Option<Duration>>,
     metrics: WitnessMetrics,
 }
 
@@ -45,7 +45,7 @@ impl WitnessServer {
             witness: Mutex::new(witness),
             queue: Semaphore::new(QUEUE),
             clock,
-            said: Mutex::new(None),
+            reported: Mutex::new(None),
             metrics,
         }
     }
@@ -96,7 +96,7 @@ impl WitnessServer {
             Err(AddError::Failed(error)) => {
                 self.metrics.keeps_none(error.to_string());
                 tracing::error!("{error}");
-                text(500, "the witness failed; its log says why\n")
+                text(500, "the witness failed; its log states why\n")
             }
         }
     }
@@ -117,13 +117,13 @@ impl WitnessServer {
 
     /// Whether the log may state an invalid consistency proof once more. It then counts as stated.
     fn says_again(&self) -> bool {
-        let Ok(mut said) = self.said.lock() else {
+        let Ok(mut reported) = self.reported.lock() else {
             return false;
         };
         let now = self.clock.steady();
-        let may = said.is_none_or(|at| now.saturating_sub(at) >= SAY_AGAIN);
+        let may = reported.is_none_or(|at| now.saturating_sub(at) >= SAY_AGAIN);
         if may {
-            *said = Some(now);
+            *reported = Some(now);
         }
         may
     }
@@ -140,7 +140,7 @@ impl WitnessServer {
             ),
             Err(error) => {
                 tracing::error!("{error}");
-                text(500, "the witness failed; its log says why\n")
+                text(500, "the witness failed; its log states why\n")
             }
         }
     }

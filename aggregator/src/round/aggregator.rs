@@ -60,6 +60,8 @@ pub struct Aggregator {
     pub(super) checked_samples: Option<PublicSamples>,
     /// How many entries are published; `None` without witnesses.
     pub(super) published: Option<u64>,
+    /// The proposal whose witnesses were asked last.
+    pub(super) asked_witnesses: Option<u64>,
 }
 
 impl Aggregator {
@@ -113,6 +115,7 @@ impl Aggregator {
             lost,
             checked_samples: None,
             published: None,
+            asked_witnesses: None,
         })
     }
 

@@ -1,6 +1,7 @@
 //! What the aggregator answers when polled, and the jobs that it leaves to others, because they take long or wait for a network.
 
 use crate::publish::beacon::BeaconServers;
+use crate::publish::new_witnesses::NewWitnesses;
 use crate::round::closing::{ComputedClosing, ToClose};
 use crate::round::dispute::Disputed;
 use crate::round::intake::lost_files::ContributedFiles;
@@ -48,6 +49,8 @@ pub enum RoundJob {
     ComputeClosing(Box<ToClose>),
     /// Verify a disputed contribution again.
     VerifyAgain(Box<Disputed>),
+    /// Ask the witnesses that a proposal names, before it is settled.
+    AskWitnesses(Box<NewWitnesses>),
 }
 
 /// The result of a job.
@@ -65,6 +68,8 @@ pub enum JobResult {
     Closing(Box<ComputedClosing>),
     /// What is wrong with the contribution that this entry disputes, if anything.
     Verdict(u64, Option<Refusal>),
+    /// The witnesses that this proposal names were asked.
+    WitnessesAsked(u64),
 }
 
 impl RoundJob {
@@ -107,6 +112,10 @@ impl RoundJob {
                     let why = format!("the dispute of entry {entry} cannot be decided: {error}");
                     Polled::Blocked(why)
                 })
+            }
+            Self::AskWitnesses(new) => {
+                new.ask();
+                Ok(JobResult::WitnessesAsked(new.proposal))
             }
         })
     }

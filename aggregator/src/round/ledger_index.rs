@@ -32,7 +32,7 @@ pub struct LedgerIndex {
     /// The entries that recorded proposals, by number.
     proposals: Vec<u64>,
     /// Entries about the network itself, by the hash of the body: a repeated statement gets the same receipt.
-    said: BTreeMap<Digest, u64>,
+    reported: BTreeMap<Digest, u64>,
     /// Entries that decided on each node's newest submission, about which it may ask later.
     decisions: BTreeMap<NodeId, u64>,
     /// Entries that accepted contributions, by round and node, in rounds by SCAFFOLD since its control variates began with 0: a node
@@ -58,7 +58,7 @@ pub struct RoundEntries {
 
 fn key(body: &Body) -> Digest {
     let bytes = borsh::to_vec(body).expect("writing to a Vec cannot fail");
-    tagged_sha256("zk0/said/v1", &[&bytes])
+    tagged_sha256("zk0/stated/v1", &[&bytes])
 }
 
 impl LedgerIndex {
@@ -105,7 +105,7 @@ impl LedgerIndex {
             }
             Body::Proposed(_) => {
                 self.proposals.push(index);
-                self.said.insert(key(body), index);
+                self.reported.insert(key(body), index);
             }
             Body::NodeEnrolled(_)
             | Body::Voted(_)
@@ -113,7 +113,7 @@ impl LedgerIndex {
             | Body::KeyRotated { .. }
             | Body::NodeLeft(_)
             | Body::OperatorDecided(_) => {
-                self.said.insert(key(body), index);
+                self.reported.insert(key(body), index);
             }
             _ => {}
         }
@@ -135,8 +135,8 @@ impl LedgerIndex {
     }
 
     /// The entry that recorded exactly this.
-    pub fn said(&self, body: &Body) -> Option<u64> {
-        self.said.get(&key(body)).copied()
+    pub fn reported(&self, body: &Body) -> Option<u64> {
+        self.reported.get(&key(body)).copied()
     }
 
     /// The entry that decided on the newest submission of this node.

@@ -1,10 +1,12 @@
 //! Outages of this aggregator and of its witnesses. They move the open round's deadlines ([`zk0_protocol::rules::apply`]).
 
+use crate::publish::new_witnesses::NewWitnesses;
 use crate::round::aggregator::Aggregator;
 use crate::round::phase::RoundStep;
 use crate::round::request_error::RequestError;
 use zk0_ledger::folder;
 use zk0_protocol::entries::entry::Body;
+use zk0_protocol::entries::proposal::{Action, Outcome};
 
 /// A shorter outage moves no deadline, unless one passed meanwhile.
 const LEAST_OUTAGE_MS: u64 = 60_000;
@@ -58,6 +60,22 @@ impl Aggregator {
         let unseen = |published| self.last_step().is_some_and(|last| last >= published);
         let of_round = !matches!(step, RoundStep::Settle(_) | RoundStep::Resolve(_));
         of_round && self.published.is_some_and(unseen)
+    }
+
+    /// The witnesses to ask before this proposal is settled: those of a policy that it puts into force. They are asked once.
+    pub(super) fn new_witnesses(&self, proposal: u64, outcome: &Outcome) -> Option<NewWitnesses> {
+        let open = self.state().proposals().get(&proposal)?;
+        let Action::ChangeRules(rules) = &open.action else {
+            return None;
+        };
+        let policy = &rules.witness_policy;
+        let is_new = !policy.is_empty() && *policy != self.state().rules().witness_policy;
+        let asked = self.asked_witnesses == Some(proposal);
+        (is_new && !asked && *outcome == Outcome::Executed).then(|| NewWitnesses {
+            proposal,
+            policy: policy.clone(),
+            checkpoint: self.ledger.checkpoint().to_vec(),
+        })
     }
 
     /// The entry of the last step of the last round.

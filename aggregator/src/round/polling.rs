@@ -46,6 +46,9 @@ impl Aggregator {
         match step {
             RoundStep::Settle(proposal) => {
                 let outcome = self.state().outcome(proposal, now)?;
+                if let Some(new) = self.new_witnesses(proposal, &outcome) {
+                    return Ok(Polled::Run(RoundJob::AskWitnesses(Box::new(new))));
+                }
                 tracing::info!(proposal, %outcome, "proposal settled");
                 let settled = ProposalSettled { proposal, outcome };
                 self.append_at(now, Body::ProposalSettled(settled))?;
@@ -115,6 +118,7 @@ impl Aggregator {
     pub fn finish(&mut self, result: JobResult) -> Result<Polled, RequestError> {
         match result {
             JobResult::BlobsFetched => {}
+            JobResult::WitnessesAsked(proposal) => self.asked_witnesses = Some(proposal),
             JobResult::SamplesChecked(samples) => self.checked_samples = Some(samples.rule()),
             JobResult::Randomness(round, drawing) => match self.draw(round, drawing) {
                 Ok(()) => return Ok(Polled::Did(RoundStep::Draw(round))),

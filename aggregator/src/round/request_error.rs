@@ -77,10 +77,10 @@ pub enum RequestError {
     NotPublished(String),
     /// The disk has no room. Only the log tells more.
     #[error("what was sent cannot be kept: {0}")]
-    NoRoom(BlobError),
+    NoRoom(String),
     /// The store of the blobs failed, so nothing is recorded. Only the log tells more.
     #[error("{0}")]
-    BlobStore(BlobError),
+    BlobStore(String),
     /// The store of the blobs does not continue this ledger, so nothing more is recorded. Only the log tells why.
     #[error("{0}")]
     StoredEntries(Box<LedgerError>),
@@ -126,21 +126,28 @@ impl From<LedgerError> for RequestError {
 
 impl From<BlobError> for RequestError {
     fn from(error: BlobError) -> Self {
+        (&error).into()
+    }
+}
+
+impl From<&BlobError> for RequestError {
+    fn from(error: &BlobError) -> Self {
+        let told = error.to_string();
         match error {
-            failed @ BlobError::Store(_) => Self::BlobStore(failed),
-            full if full.is_full() => Self::NoRoom(full),
-            other => Self::Internal(other.to_string()),
+            BlobError::Store(_) => Self::BlobStore(told),
+            full if full.is_full() => Self::NoRoom(told),
+            _ => Self::Internal(told),
         }
     }
 }
 
 impl From<Unreadable<BlobError>> for RequestError {
     fn from(unreadable: Unreadable<BlobError>) -> Self {
-        let said = unreadable.to_string();
+        let reported = unreadable.to_string();
         match unreadable.error {
             // What is read from the store is written to the ledger's folder, which may be full.
             error if matches!(error, BlobError::Store(_)) || error.is_full() => error.into(),
-            _ => Self::Internal(said),
+            _ => Self::Internal(reported),
         }
     }
 }
@@ -308,7 +315,7 @@ impl From<RequestError> for Status {
             }
             RequestError::StoredEntries(_) | RequestError::Internal(_) => {
                 tracing::error!(cause = %error, "request failed");
-                "the aggregator failed; its log says why".into()
+                "the aggregator failed; its log states why".into()
             }
             other => other.to_string(),
         };

@@ -20,7 +20,7 @@ impl Service {
     /// too long, or when the rules come to ask for another witness policy than `witnesses`.
     pub(super) async fn rounds(&self, witnesses: &str) -> RequestError {
         // Steps are retried, so the log states the same reason once.
-        let mut said = String::new();
+        let mut reported = String::new();
         loop {
             let polled = match self.step().await {
                 Err(error) if !matches!(error, RequestError::Clock(_)) => return error,
@@ -31,7 +31,7 @@ impl Service {
                 return error;
             }
             match polled {
-                Ok(Polled::Did(_) | Polled::Run(_)) => said.clear(),
+                Ok(Polled::Did(_) | Polled::Run(_)) => reported.clear(),
                 Ok(Polled::Idle(until_ms)) => {
                     let now_ms = self.arrivals.now_ms().unwrap_or(u64::MAX);
                     let left = until_ms.and_then(|until_ms| until_ms.checked_sub(now_ms));
@@ -39,16 +39,16 @@ impl Service {
                     let _ = timeout(left, self.changed.notified()).await;
                 }
                 Ok(Polled::Unanswered(why, retry)) => {
-                    if said != why {
+                    if reported != why {
                         tracing::warn!("{why}; the servers are asked again every {retry:?}");
-                        said = why;
+                        reported = why;
                     }
                     sleep(retry).await;
                 }
                 Ok(Polled::Blocked(why)) => {
-                    if said != why {
+                    if reported != why {
                         tracing::error!("{why}; this is tried again every {BLOCKED_RETRY:?}");
-                        said = why;
+                        reported = why;
                         // If a file is lost, the round's followers learn that.
                         self.stage.send_modify(|_| ());
                     }
@@ -57,9 +57,9 @@ impl Service {
                 Err(error) => {
                     // The text has changing times, so the kind of the message counts.
                     let kind = "the clock is wrong";
-                    if said != kind {
+                    if reported != kind {
                         tracing::error!("{error}; this is tried again every {BLOCKED_RETRY:?}");
-                        said = kind.into();
+                        reported = kind.into();
                     }
                     if self.gives_up(&error) {
                         return error;

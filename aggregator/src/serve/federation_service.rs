@@ -15,6 +15,7 @@ use tokio_stream::wrappers::ReceiverStream;
 use tokio_stream::{Stream, StreamExt};
 use tonic::{Request, Response, Status, Streaming};
 use zk0_circuits::{Digest, NodeId};
+use zk0_ledger::blobs::BlobError;
 use zk0_protocol::blob::blob_digest;
 use zk0_protocol::entries::signed::{Signed, Submission};
 use zk0_protocol::request_head::{Method, RequestContent};
@@ -36,7 +37,8 @@ impl Federation for Service {
         _: Request<GetNetworkRequest>,
     ) -> Result<Response<NetworkInfo>, Status> {
         let (service, ledger) = (self.clone(), self.ledger.clone());
-        let published = self.with(move |aggregator| service.visible(aggregator));
+        // Before anything is published, the answer has the genesis, whose digest its reader knows.
+        let published = self.with(move |aggregator| Ok(service.visible(aggregator).unwrap_or(1)));
         let (published, run) = (published.await?, self.heads.run.to_vec());
         let info = blocking(move || {
             let checkpoint = ledger.checkpoint_at(published)?;
@@ -98,9 +100,17 @@ impl Federation for Service {
             body: sent.digest(),
         };
         sender.sends(&message)?;
+        let governs = sent.governs();
         let receipt = self.stated(&arrival, sent).await?;
-        self.published_after(arrival, receipt.index).await?;
-        Ok(Response::new(receipt.into()))
+        let not_cosigned = match self.published_after(arrival, receipt.index).await {
+            // Otherwise nobody could vote away a policy whose witnesses do not cosign.
+            Err(RequestError::NotPublished(_)) if governs => true,
+            published => published.map(|()| false)?,
+        };
+        Ok(Response::new(Receipt {
+            not_cosigned,
+            ..receipt.into()
+        }))
     }
 
     async fn get_governance(
@@ -109,7 +119,14 @@ impl Federation for Service {
     ) -> Result<Response<GovernanceInfo>, Status> {
         let (service, ledger) = (self.clone(), self.ledger.clone());
         let seen = self.with(move |aggregator| {
-            let published = service.visible(aggregator)?;
+            let size = aggregator.ledger().size();
+            let lacks = service.lacks_witnesses();
+            let not_cosigned = lacks && service.visible(aggregator).unwrap_or(0) < size;
+            let published = if lacks {
+                size
+            } else {
+                service.visible(aggregator)?
+            };
             let state = aggregator.state();
             let mut open = Vec::new();
             for (number, proposal) in state.proposals() {
@@ -124,6 +141,7 @@ impl Federation for Service {
                 next_decision: state.next_decision(),
                 proposals: Vec::new(),
                 now_ms: aggregator.now_ms(),
+                not_cosigned,
             };
             Ok((info, open, published))
         });
@@ -172,13 +190,20 @@ impl Federation for Service {
             return Err(RequestError::NotKept(blob).into());
         }
         let name = blobs.path(&blob).display().to_string();
-        let failed = move |error: std::io::Error| match error.kind() {
-            ErrorKind::TimedOut => Status::from(RequestError::TimedOut(error.to_string())),
-            _ => RequestError::Internal(format!("{name}: {error}")).into(),
+        let failed = move |error: std::io::Error| {
+            let inner = error.get_ref();
+            let of_store = inner.and_then(|inner| inner.downcast_ref::<Arc<BlobError>>());
+            let error = match (of_store, error.kind()) {
+                (Some(of_store), _) => RequestError::from(&**of_store),
+                (None, ErrorKind::TimedOut) => RequestError::TimedOut(error.to_string()),
+                (None, _) => RequestError::Internal(format!("{name}: {error}")),
+            };
+            Status::from(error)
         };
-        let mut file = tokio::fs::File::from_std(self.file(blobs, blob, awaited).await?);
+        let file = self.file((blobs, blob), member.is_some(), awaited);
+        let mut file = file.await?;
         let place = self.transfer(member.is_some())?;
-        let size = file.metadata().await.map_err(&failed)?.len();
+        let size = file.size();
         if begins > size {
             return Err(malformed(&format!(
                 "the blob has {size} bytes, and no byte {begins}"

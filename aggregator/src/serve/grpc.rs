@@ -75,7 +75,7 @@ impl Grpc {
             reflection::Builder::configure().register_encoded_file_descriptor_set(SERVICES);
         match reflection.build_v1() {
             Ok(reflection) => routes = routes.add_service(reflection),
-            Err(error) => tracing::error!("the server cannot say what its services are: {error}"),
+            Err(error) => tracing::error!("the server cannot state what its services are: {error}"),
         }
         let router = routes.prepare().into_axum_router();
         let answered = self.metrics.requests;

@@ -1,6 +1,6 @@
 //! Has checkpoints cosigned. What is recorded is published once enough witnesses have cosigned it.
 
-use crate::publish::cosigning::{ConsistencyProver, Cosigned};
+use crate::publish::cosigning::{ConsistencyProver, Cosigned, CosigningError, Witnesses};
 use crate::round::aggregator::Aggregator;
 use crate::round::job::JobResult;
 use crate::round::polling::ToCosign;
@@ -17,77 +17,126 @@ use zk0_protocol::rpc::federation::trouble::Kind;
 const TOO_FEW: &str =
     "too few witnesses have cosigned the newest checkpoint, so it is not published; the log of the aggregator names them";
 
+/// The status while a witness has not cosigned the closing of a round's commitments.
+const NOT_ALL: &str =
+    "not all witnesses have cosigned the closing of the commitments, so the randomness of the round is not drawn; the log of the aggregator names them";
+
+enum PublishingStep {
+    Done,
+    UpToDate,
+    /// Too few witnesses have cosigned.
+    Refused,
+}
+
 impl Service {
     /// Has each new checkpoint cosigned, and publishes it, until the disk fails.
     pub(super) async fn publish(&self) -> RequestError {
         let Some(publishing) = &self.publishing else {
             return std::future::pending().await;
         };
+        let mut refused = None;
         loop {
-            match self.publish_next(publishing).await {
-                Ok(true) => {}
-                Ok(false) => {
+            let step = self.publish_next(publishing, &mut refused).await;
+            self.note_absent(&publishing.witnesses);
+            match step {
+                Ok(PublishingStep::Done) => {}
+                Ok(PublishingStep::UpToDate) => {
                     let _ = timeout(TICK, publishing.wanted.notified()).await;
                 }
                 // The rounds wait until the clock is right, and so does this.
-                Err(RequestError::Clock(_)) => sleep(TICK).await,
+                Ok(PublishingStep::Refused) | Err(RequestError::Clock(_)) => sleep(TICK).await,
                 Err(error) => return error,
             }
         }
     }
 
-    /// Returns `false` if there is no next checkpoint.
-    async fn publish_next(&self, publishing: &Publishing) -> Result<bool, RequestError> {
+    /// Publishes the next checkpoint. `refused` is what witnesses were last asked for in vain: its size, and the round whose randomness it
+    /// draws.
+    async fn publish_next(
+        &self,
+        publishing: &Publishing,
+        refused: &mut Option<(u64, Option<u64>)>,
+    ) -> Result<PublishingStep, RequestError> {
         let next = self.with(|aggregator| aggregator.to_cosign());
         let ToCosign {
             size,
             checkpoint,
             draws,
         } = next.await?;
+        let witnesses = &publishing.witnesses;
         let published = *publishing.published.borrow();
-        if size <= published && draws.is_none() {
-            return Ok(false);
-        }
-        let (witnesses, ledger) = (publishing.witnesses.clone(), self.ledger.clone());
+        let ledger = self.ledger.clone();
         let prove: ConsistencyProver = Arc::new(move |old, new| {
             let proof = ledger.consistency_between(old, new);
             proof.map_err(|error| error.to_string())
         });
-        let cosigned = blocking(move || {
-            Ok(match draws {
-                Some(_) => witnesses.cosign_all(&checkpoint, &prove),
-                None => witnesses.cosign(&checkpoint, &prove),
-            })
-        });
-        let Cosigned { note, cosignatures } = match cosigned.await? {
-            Ok(cosigned) => {
-                self.troubles().clear(Kind::Witnesses);
-                cosigned
+        if size <= published && draws.is_none() {
+            *refused = None;
+            self.troubles().clear(Kind::Witnesses);
+            let asked = witnesses.ask_absent(&checkpoint, &prove);
+            asked.map_err(|error| RequestError::Internal(error.to_string()))?;
+            return Ok(PublishingStep::UpToDate);
+        }
+        // Nothing new can come of it.
+        if *refused == Some((size, draws)) && !witnesses.may_answer(&checkpoint) {
+            return Ok(PublishingStep::Refused);
+        }
+        let mut refuse = |error: CosigningError, sentence: &str| {
+            if refused.replace((size, draws)) != Some((size, draws)) {
+                tracing::warn!(size, "{error}");
             }
-            Err(error) => {
-                tracing::warn!(size, "the checkpoint is not published: {error}");
-                self.troubles().raise(Kind::Witnesses, TOO_FEW);
-                sleep(TICK).await;
-                return Ok(true);
-            }
+            self.troubles().raise(Kind::Witnesses, sentence);
+            Ok(PublishingStep::Refused)
         };
-        let written = self.with(move |aggregator| {
-            if size > published {
+        if size > published {
+            let (asking, text, prove) = (witnesses.clone(), checkpoint.clone(), prove.clone());
+            let cosigned = blocking(move || Ok(asking.cosign(&text, &prove)));
+            let note = match cosigned.await? {
+                Ok(cosigned) => cosigned.note,
+                Err(error) => return refuse(error, TOO_FEW),
+            };
+            let write = self.with(move |aggregator| {
                 folder::write_cosigned(aggregator.ledger().dir(), &note)?;
-                aggregator.note_published(size)?;
-            }
-            if let Some(round) = draws {
-                let drawing = Drawing::Witnesses(cosignatures);
-                aggregator.finish(JobResult::Randomness(round, drawing))?;
-            }
-            Ok(())
-        });
-        written.await?;
-        tracing::info!(size, "checkpoint cosigned and published");
-        publishing.published.send_replace(size.max(published));
-        self.changed.notify_one();
-        self.note_stage().await?;
-        Ok(true)
+                aggregator.note_published(size)
+            });
+            write.await?;
+            tracing::info!(size, "checkpoint cosigned and published");
+            publishing.published.send_replace(size);
+            self.changed.notify_one();
+            self.note_stage().await?;
+        }
+        if let Some(round) = draws {
+            let asking = witnesses.clone();
+            let cosigned = blocking(move || Ok(asking.cosign_all(&checkpoint, &prove)));
+            let Cosigned { cosignatures, .. } = match cosigned.await? {
+                Ok(cosigned) => cosigned,
+                Err(error) => return refuse(error, NOT_ALL),
+            };
+            let drawing = Drawing::Witnesses(cosignatures);
+            let drawn = move |aggregator: &mut Aggregator| {
+                aggregator.finish(JobResult::Randomness(round, drawing))
+            };
+            self.with(drawn).await?;
+            self.changed.notify_one();
+        }
+        *refused = None;
+        self.troubles().clear(Kind::Witnesses);
+        Ok(PublishingStep::Done)
+    }
+
+    /// Tells whether witnesses are away, also while the others are enough.
+    fn note_absent(&self, witnesses: &Witnesses) {
+        let states = witnesses.states().into_iter();
+        let absent = states.filter(|state| state.outage.is_some());
+        let absent: Vec<_> = absent.map(|state| state.name).collect();
+        if absent.is_empty() {
+            self.troubles().clear(Kind::WitnessAway);
+            return;
+        }
+        let names = absent.join(", ");
+        let sentence =
+            format!("these witnesses do not cosign: {names}; the log of the aggregator states why");
+        self.troubles().raise(Kind::WitnessAway, sentence);
     }
 
     /// Reports new entries, and waits until the first `size` entries are published. If that takes too long, a later request gets the
@@ -110,6 +159,11 @@ impl Service {
                 size - 1
             )))
         }
+    }
+
+    /// Whether too few witnesses cosign.
+    pub(super) fn lacks_witnesses(&self) -> bool {
+        self.troubles().lasting(Kind::Witnesses).is_some()
     }
 
     /// Published entries of the ledger.

@@ -177,6 +177,12 @@ impl Service {
         &self.troubles
     }
 
+    /// Who cosigns checkpoints; `None` if nobody has to.
+    pub(crate) fn witnesses(&self) -> Option<&Witnesses> {
+        let publishing = self.publishing.as_ref();
+        publishing.map(|publishing| &*publishing.witnesses)
+    }
+
     /// The status when somebody last asked.
     pub(crate) fn last_status(&self) -> StatusInfo {
         let last = self.last_status.read();

@@ -22,7 +22,7 @@ use zk0_testkit::s3::S3;
 use zk0_testkit::until_async;
 
 /// Begins four downloads on one connection.
-fn four(
+pub(super) fn four(
     client: &FederationClient<Channel>,
     blob: Digest,
     downloads: &mut JoinSet<Result<(), Status>>,
@@ -102,7 +102,7 @@ async fn few_downloads_wait_for_the_store_and_the_others_are_told_to_come_again(
 }
 
 /// Serves the log of a network.
-async fn log_of(network: &Network) -> SocketAddr {
+pub(super) async fn log_of(network: &Network) -> SocketAddr {
     let blobs = network
         .service()
         .with(|aggregator| Ok(aggregator.ledger().blobs().clone()));
@@ -120,7 +120,7 @@ async fn log_of(network: &Network) -> SocketAddr {
 }
 
 /// Asks for a file of the log.
-async fn asking(log: SocketAddr, path: &str) -> TcpStream {
+pub(super) async fn asking(log: SocketAddr, path: &str) -> TcpStream {
     asking_by(log, "GET", path).await
 }
 
@@ -196,7 +196,7 @@ fn readers_of_the_log_who_have_left_hold_no_threads() {
         answers_at_once(&network).await;
         // Those who stay wait, up to a number.
         let mut readers = JoinSet::new();
-        for _ in 0..64 + 1 {
+        for _ in 0..8 + 64 + 1 {
             readers.spawn(answer(asking(log, &path).await));
         }
         let sent_away = timeout(AT_ONCE, readers.join_next()).await;

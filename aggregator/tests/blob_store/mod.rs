@@ -3,6 +3,7 @@
 mod crowds;
 mod entries;
 mod presigned;
+mod streaming;
 
 use std::fs;
 use std::time::{Duration, Instant};

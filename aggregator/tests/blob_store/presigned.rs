@@ -99,7 +99,7 @@ async fn what_is_not_the_signed_update_is_refused_by_name_and_not_kept() {
     node.commit(&network, 0, &update).await.unwrap();
 }
 
-/// Garbage of the right size is read once, and holds nobody. `ZK0_UPDATE_MB` says how much it is, in megabytes.
+/// Garbage of the right size is read once, and holds nobody. `ZK0_UPDATE_MB` states how much it is, in megabytes.
 #[tokio::test(flavor = "multi_thread")]
 async fn garbage_of_two_nodes_is_not_kept_and_holds_no_third() {
     let Some(s3) = S3::start() else { return };
@@ -122,12 +122,12 @@ async fn garbage_of_two_nodes_is_not_kept_and_holds_no_third() {
         put(&network, node, &update(seed), &update(9)).await;
     }
     put(&network, honest, &update(3), &update(3)).await;
-    let said = |node, seed| signed(&network, node, &update(seed));
-    let said = [said(first, 1), said(second, 2), said(honest, 3)];
+    let reported = |node, seed| signed(&network, node, &update(seed));
+    let reported = [reported(first, 1), reported(second, 2), reported(honest, 3)];
     let (one, other, third, ()) = tokio::join!(
-        first.stored(&network, &said[0]),
-        second.stored(&network, &said[1]),
-        honest.stored(&network, &said[2]),
+        first.stored(&network, &reported[0]),
+        second.stored(&network, &reported[1]),
+        honest.stored(&network, &reported[2]),
         answers_at_once(&network),
     );
     refused(one, Code::InvalidArgument, "SHA-256");
@@ -147,8 +147,8 @@ async fn only_who_may_begin_an_upload_gets_an_address() {
     let asked = stranger.upload_info(&network, &request).await;
     refused(asked, Code::PermissionDenied, "not enrolled");
     let request = signed(&network, &stranger, &weights(1));
-    let said = stranger.stored(&network, &request).await;
-    refused(said, Code::PermissionDenied, "not enrolled");
+    let reported = stranger.stored(&network, &request).await;
+    refused(reported, Code::PermissionDenied, "not enrolled");
 
     // Who has begun goes on where it was, and who has used up the quota gets none.
     let request = signed(&network, &node, &weights(1));

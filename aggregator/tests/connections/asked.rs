@@ -1,4 +1,4 @@
-//! The server says whether it is in order, and which services it has.
+//! The server states whether it is in order, and which services it has.
 
 use crate::Test;
 use tonic::transport::{Channel, Endpoint};

@@ -48,20 +48,20 @@ async fn a_reader_takes_the_rest_of_a_file() -> Test {
     let size = file.len();
 
     ask(&mut stream, &path, "range: bytes=100000-").await;
-    let said = head(&mut stream).await;
-    assert!(said.starts_with("HTTP/1.1 206"), "{said}");
+    let reported = head(&mut stream).await;
+    assert!(reported.starts_with("HTTP/1.1 206"), "{reported}");
     let range = format!("content-range: bytes 100000-{}/{size}", size - 1);
-    assert!(said.contains(&range), "{said}");
-    assert!(said.contains("accept-ranges: bytes"), "{said}");
+    assert!(reported.contains(&range), "{reported}");
+    assert!(reported.contains("accept-ranges: bytes"), "{reported}");
     let mut rest = vec![0; size - 100_000];
     stream.read_exact(&mut rest).await?;
     assert!(rest == file[100_000..]);
 
     ask(&mut stream, &path, &format!("range: bytes={size}-")).await;
-    let said = head(&mut stream).await;
-    assert!(said.starts_with("HTTP/1.1 416"), "{said}");
+    let reported = head(&mut stream).await;
+    assert!(reported.starts_with("HTTP/1.1 416"), "{reported}");
     let range = format!("content-range: bytes */{size}");
-    assert!(said.contains(&range), "{said}");
+    assert!(reported.contains(&range), "{reported}");
     let why = format!("the file has {size} bytes, and no byte {size}\n");
     let mut text = vec![0; why.len()];
     stream.read_exact(&mut text).await?;
@@ -69,15 +69,15 @@ async fn a_reader_takes_the_rest_of_a_file() -> Test {
 
     // A tile is a file, too. What changes has no rest.
     ask(&mut stream, "/tile/entries/000.p/1", "range: bytes=1-").await;
-    let said = head(&mut stream).await;
-    assert!(said.starts_with("HTTP/1.1 206"), "{said}");
-    let length = said.split("content-length: ").nth(1).unwrap();
+    let reported = head(&mut stream).await;
+    assert!(reported.starts_with("HTTP/1.1 206"), "{reported}");
+    let length = reported.split("content-length: ").nth(1).unwrap();
     let length = length.split("\r\n").next().unwrap().parse::<usize>()?;
     let mut tile = vec![0; length];
     stream.read_exact(&mut tile).await?;
     let header = "range: bytes=1-\r\nconnection: close";
     ask(&mut stream, "/checkpoint", header).await;
-    let said = head(&mut stream).await;
-    assert!(said.starts_with("HTTP/1.1 200"), "{said}");
+    let reported = head(&mut stream).await;
+    assert!(reported.starts_with("HTTP/1.1 200"), "{reported}");
     Ok(())
 }

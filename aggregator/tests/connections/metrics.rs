@@ -1,4 +1,4 @@
-//! What the metrics say of requests.
+//! What the metrics state of requests.
 
 use super::network;
 use crate::Test;

@@ -172,7 +172,7 @@ async fn a_restart_lets_no_head_count_again() -> Test {
     network.restart().await;
     let again = commit(&network, with_head(message.clone(), &head)).await;
     refused(again, Code::Unavailable, "was started again");
-    // The aggregator says which run it is now.
+    // The aggregator states which run it is now.
     let request = proto::GetNetworkRequest {};
     let info = network.client().await.get_network(request).await?;
     assert_eq!(info.into_inner().run, network.service().run());

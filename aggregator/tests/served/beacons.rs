@@ -43,9 +43,9 @@ enum Does {
     Late,
     /// It does not know the chain.
     NoChain,
-    /// It has another chain under this name, and says so when it is asked for its key.
+    /// It has another chain under this name, and states it when it is asked for its key.
     OtherChain,
-    /// It says that it has this chain, but signs with another key.
+    /// It states that it has this chain, but signs with another key.
     WrongSignature,
     /// It answers with the beacon of the round before.
     OtherRound,
@@ -203,10 +203,10 @@ async fn each_thing_that_is_wrong_with_a_server_is_named() {
     let none = fetched(&["http://127.0.0.1:9", &url], 500)
         .await
         .unwrap_err();
-    let said = none.to_string();
+    let reported = none.to_string();
     assert!(
-        said.contains("drand round 500") && said.contains(&url),
-        "{said}"
+        reported.contains("drand round 500") && reported.contains(&url),
+        "{reported}"
     );
 }
 

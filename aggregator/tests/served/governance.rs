@@ -1,4 +1,4 @@
-//! What members say over the network becomes rules. The aggregator finds out that an accepted contribution is false.
+//! What members state over the network becomes rules. The aggregator finds out that an accepted contribution is false.
 
 use super::verified_again;
 use crate::Test;
@@ -302,7 +302,7 @@ fn a_dispute_by_what_a_document_says_waits_for_a_vote() -> Test {
         evidence: Evidence::Document(Digest([1; 32])),
     };
     let body = Body::Disputed(Signed::new(dispute, &governor.key));
-    aggregator.say(&borsh::to_vec(&body)?)?;
+    aggregator.tell(&borsh::to_vec(&body)?)?;
     assert_eq!(aggregator.state().disputes().len(), 1);
     assert_eq!(aggregator.state().undecided(), None);
     Ok(())

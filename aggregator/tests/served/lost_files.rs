@@ -1,4 +1,4 @@
-//! Lost files. No round opens that could not be closed, and an aggregator whose open round has lost a file starts, and says which one.
+//! Lost files. No round opens that could not be closed, and an aggregator whose open round has lost a file starts, and states which one.
 
 use std::fs;
 use std::io::Write;

@@ -35,7 +35,7 @@ fn verified_again(
         evidence: Evidence::Verification,
     };
     let body = Body::Disputed(Signed::new(dispute, &governor.key));
-    let entry = aggregator.say(&borsh::to_vec(&body)?)?.index;
+    let entry = aggregator.tell(&borsh::to_vec(&body)?)?.index;
     assert_eq!(aggregator.go_on()?, Polled::Did(RoundStep::Resolve(entry)));
     let Body::DisputeResolved(resolved) = aggregator.ledger().entry(entry + 1)?.body else {
         panic!("the dispute is not resolved");

@@ -41,9 +41,9 @@ fn open(dir: &Path, clock: &Arc<ManualClock>) -> Aggregator {
 fn decide(aggregator: &mut Aggregator, clock: &ManualClock, action: Action) -> Test {
     let number = aggregator.state().next_proposal();
     let proposal = proposed(aggregator.state(), action);
-    aggregator.say(&borsh::to_vec(&proposal)?)?;
+    aggregator.tell(&borsh::to_vec(&proposal)?)?;
     let vote = voted(aggregator.state(), Ballot::For);
-    aggregator.say(&borsh::to_vec(&vote)?)?;
+    aggregator.tell(&borsh::to_vec(&vote)?)?;
     clock.advance(VOTING_MS + 1);
     assert_eq!(aggregator.step()?, Polled::Did(RoundStep::Settle(number)));
     Ok(())
@@ -188,7 +188,7 @@ async fn nodes_hear_which_program_a_round_is_of() -> Test {
     record(voted(&state().await, Ballot::For)).await?;
     network.clock.advance(VOTING_MS + 1);
     network.settle().await;
-    let said = || async {
+    let reported = || async {
         let request = proto::GetGovernanceRequest {};
         let governance = network.client().await.get_governance(request).await;
         let governance = governance.unwrap().into_inner().program;
@@ -197,12 +197,12 @@ async fn nodes_hear_which_program_a_round_is_of() -> Test {
     };
     // The vote is over, but round 0 keeps its program.
     assert!(network.round(None).await.closed.is_none());
-    assert_eq!(said().await, founding);
+    assert_eq!(reported().await, founding);
     network.drawn().await;
     network.clock.advance(SUBMIT_MS + 1);
     network.settle().await;
     assert_eq!(state().await.round().map(|round| round.number()), Some(1));
-    assert_eq!(said().await, next);
+    assert_eq!(reported().await, next);
     Ok(())
 }
 
@@ -221,7 +221,7 @@ fn a_round_starts_from_restored_weights_once_their_blob_is_at_hand() -> Test {
     fs::remove_file(&place)?;
     let proposal = borsh::to_vec(&proposed(aggregator.state(), restore()))?;
     let size = aggregator.ledger().size();
-    let error = aggregator.say(&proposal).unwrap_err().to_string();
+    let error = aggregator.tell(&proposal).unwrap_err().to_string();
     assert!(
         error.contains("does not have that blob any more"),
         "{error}"

@@ -110,7 +110,7 @@ fn nobody_can_propose_samples_that_the_aggregator_cannot_use() -> Test {
         rules.public_samples = Some(rule);
         let action = Action::ChangeRules(Box::new(rules));
         let body = borsh::to_vec(&proposed(aggregator.state(), action)).unwrap();
-        aggregator.say(&body)
+        aggregator.tell(&body)
     };
     let fewer = samples[..samples.len() / 3].to_vec();
     let rule = PublicSamples {

@@ -336,7 +336,7 @@ async fn a_served_log_is_read_while_it_grows() {
     grow(&network).await;
     assert_eq!(fetch(url.clone(), to.clone()).await.unwrap(), 1);
     same_replay(&dir, &to);
-    // The server says how long clients may keep each file.
+    // The server states how long clients may keep each file.
     let size = replay(&dir, None, &mut ()).entries;
     for (path, kind, cache) in [
         (

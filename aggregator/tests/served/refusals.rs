@@ -160,9 +160,12 @@ async fn a_commitment_after_its_deadline_is_late() -> Test {
     // It is late, or the commitments are closed already.
     let status = first.commit(&network, 0, &update).await.unwrap_err();
     assert_eq!(status.code(), Code::FailedPrecondition);
-    let said = ["1 ms after the deadline", "are closed", "round 0, but"];
+    let reported = ["1 ms after the deadline", "are closed", "round 0, but"];
     let why = status.message();
-    assert!(said.iter().any(|said| why.contains(said)), "{why}");
+    assert!(
+        reported.iter().any(|reported| why.contains(reported)),
+        "{why}"
+    );
     Ok(())
 }
 

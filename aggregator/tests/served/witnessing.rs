@@ -153,12 +153,14 @@ async fn nothing_is_published_before_the_first_quorum() {
     network.restart().await;
     let opened = Publication::open(network.dir.path(), None).map(drop);
     assert!(matches!(opened, Err(PublicationError::NotCosigned(_))));
-    let info = network
-        .client()
-        .await
-        .get_network(zk0_protocol::rpc::federation::GetNetworkRequest {})
-        .await;
-    refused(info, Code::Unavailable, "nothing is published");
+    // Who connects learns no more than which network it is.
+    let request = zk0_protocol::rpc::federation::GetNetworkRequest {};
+    let info = network.client().await.get_network(request).await;
+    let checkpoint = info.unwrap().into_inner().checkpoint;
+    assert_eq!(checkpoint.lines().nth(1), Some("1"));
+    let round = zk0_protocol::rpc::federation::GetRoundRequest::default();
+    let round = network.client().await.get_round(round).await;
+    refused(round, Code::Unavailable, "nothing is published");
 }
 
 fn why(error: CosigningError) -> String {
@@ -210,7 +212,7 @@ async fn a_witness_that_answers_nonsense_or_not_at_all_costs_no_more_than_the_de
     let (mut witnesses, _) = three().await;
     let dir = tempfile::tempdir().unwrap();
     let ledger = Arc::new(ledger(dir.path(), &[1]));
-    // W0 accepts connections and says nothing. W1 signs with another key than the policy names.
+    // W0 accepts connections and states nothing. W1 signs with another key than the policy names.
     witnesses[0].off().await;
     let mute = TcpListener::bind(&witnesses[0].address).await.unwrap();
     let stranger = SigningKey::from_bytes(&[77; 32]);

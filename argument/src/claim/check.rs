@@ -35,7 +35,7 @@ pub fn context(header: &Header) -> Digest {
     tagged_sha256("zk0/argument/v2", &[&header])
 }
 
-/// Checks everything, and returns the claim and what is left to check of the weights, or says which check failed.
+/// Checks everything, and returns the claim and what is left to check of the weights, or states which check failed.
 ///
 /// Neither samples nor weights enter the guest. The argument is about samples with certain digests, whose leaves have to be in the dataset. What
 /// it leaves to check of the weights is named in [`Claim::weight_check`]. The verifier holds the weights' files and checks it.

@@ -9,7 +9,7 @@
 //! **Opening** of a combination of all columns, whose weights the caller has, at a point:
 //! 1. The combination's codeword is committed to, and folded with the challenges of a sumcheck, as FRI folds. After every
 //!    [`FOLDS`] rounds the codeword that is left is committed to again. Tails fold along: one coefficient is left of them. The last message is
-//!    said in full.
+//!    stated in full.
 //! 2. After a proof of work, positions are drawn. At each of them the rows of all segments are opened, and the folding is followed to the
 //!    last message.
 //!
@@ -77,7 +77,7 @@ pub fn verify(
         let mut challenges = [Extension::ZERO; FOLDS];
         for (challenge, &coordinate) in challenges.iter_mut().zip(&mut coordinates) {
             // The factor eq is left out of the round polynomial (Gruen 2024, eprint 2024/108). What is left is linear, g, and
-            // (1 − coordinate) · g(0) + coordinate · g(1) = claim. Its slope is said.
+            // (1 − coordinate) · g(0) + coordinate · g(1) = claim. Its slope is stated.
             let slope = verifier.receive_extension(1)?[0];
             *challenge = verifier.challenge();
             claim += (*challenge - coordinate) * slope;

@@ -166,7 +166,7 @@ impl CommittedSegment {
         self.tree.leaves()
     }
 
-    /// Says the commitment.
+    /// States the commitment.
     pub fn say(&self, prover: &mut Prover) {
         self.tree.send_cap(prover);
     }

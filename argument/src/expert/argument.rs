@@ -343,7 +343,7 @@ pub mod prove {
         ))
     }
 
-    /// The first equation that does not hold, of what a prover said.
+    /// The first equation that does not hold, of what a prover stated.
     #[doc(hidden)]
     pub fn unmet(statement: &Statement, prover: &Prover) -> Result<Option<&'static str>, Refused> {
         let expert = Expert::new(statement);

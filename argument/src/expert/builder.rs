@@ -1,4 +1,4 @@
-//! Builds relations: commits to tensors, and says what holds of them. Beside each relation stands how the prover gets the values.
+//! Builds relations: commits to tensors, and states what holds of them. Beside each relation stands how the prover gets the values.
 
 use super::sizes::{Sizes, R, S};
 use crate::field::Goldilocks;
@@ -308,7 +308,7 @@ impl Builder {
     }
 
     /// `result = plus + ⌊value / 2^shift⌋`, which has up to `bits` bits with its sign, or is looked up in a table of int16. Where it does not fit int16, it is the nearest value that does,
-    /// if that is the base's and the statement says so.
+    /// if that is the base's and the statement states it.
     pub fn floor_into(
         &mut self,
         result: Committed,

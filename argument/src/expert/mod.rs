@@ -3,7 +3,7 @@
 //!
 //! - [`statement`]: what is shown. [`sizes`]: the axes of tensors. [`publics`], [`rotations`]: what both sides compute.
 //! - [`sample`]: the commitment to a sample.
-//! - [`builder`]: commits to tensors, and says what holds of them.
+//! - [`builder`]: commits to tensors, and states what holds of them.
 //! - [`argument`]: the whole argument, of the prover and of the verifier. [`published`]: what it leaves to check.
 //! - [`evaluation`]: what holds of each step of it. [`weights`]: where the weights lie, and sums of them.
 

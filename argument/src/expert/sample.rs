@@ -145,7 +145,7 @@ pub mod prove {
     }
 
     impl SampleTensors {
-        /// Puts the values of a sample where `tensors` says.
+        /// Puts the values of a sample where `tensors` states.
         pub fn fill(&self, spec: &EvalSpec, tensors: &[Tensor], sample: &Sample, data: &mut [i64]) {
             let dims = &spec.dims;
             let bytes = sample.as_bytes().chunks_exact(2);

@@ -73,7 +73,7 @@ impl Statement {
         }
     }
 
-    /// The statement about one of the samples, or about none. Its relations are those of the whole statement, but for what each sample says.
+    /// The statement about one of the samples, or about none. Its relations are those of the whole statement, but for what each sample states.
     #[cfg(feature = "prove")]
     pub fn of(&self, sample: Option<usize>) -> Self {
         let samples = sample.and_then(|sample| self.samples.get(sample));

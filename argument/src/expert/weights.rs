@@ -126,7 +126,7 @@ fn whole(sums: [i64; 4]) -> Extension {
 }
 
 impl Matrices {
-    /// What a claim about this tensor says of its values. `None` if the claim is about other values than the tensor's.
+    /// What a claim about this tensor states of its values. `None` if the claim is about other values than the tensor's.
     pub fn claimed(&self, tensor: &Tensor, parts: &Parts, about: &Weighted) -> Option<Claimed> {
         let places = tensor.places.iter().zip(&about.parts);
         let fits = about.parts.len() == tensor.places.len()

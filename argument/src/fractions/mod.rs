@@ -2,7 +2,7 @@
 //!
 //! Layer ℓ of the tree has 2^ℓ fractions p/q. Fraction x of it is the sum of fractions 2x and 2x + 1 of layer ℓ + 1:
 //! `p = p0·q1 + p1·q0` and `q = q0·q1`. A claim about p and q at a point of one layer becomes a claim about both at a point of the next one,
-//! by a sumcheck of `Σ_x eq(r, x) · (p0·q1 + p1·q0 + λ·q0·q1)(x)`. The factor eq is left out of what the prover says (Gruen 2024, eprint
+//! by a sumcheck of `Σ_x eq(r, x) · (p0·q1 + p1·q0 + λ·q0·q1)(x)`. The factor eq is left out of what the prover states (Gruen 2024, eprint
 //! 2024/108): a round polynomial g has degree 2, and `(1 − r_i)·g(0) + r_i·g(1)` is the claim.
 
 #[cfg(feature = "prove")]
@@ -77,7 +77,7 @@ impl<V: Secret> Children<V> {
 
 /// Checks that 2^`variables` fractions add up to zero, if the claim about the leaves holds that is returned, and the equations do.
 ///
-/// The root's denominator is not zero: the prover says its inverse, too.
+/// The root's denominator is not zero: the prover states its inverse, too.
 pub fn verify(
     verifier: &mut Verifier<'_>,
     variables: usize,

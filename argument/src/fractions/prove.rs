@@ -1,7 +1,7 @@
 //! The prover's side of a sum of fractions.
 //!
 //! Beside the leaves, it needs as much memory as the first layer above them would: 32 bytes for two leaves. A layer is freed as soon as the
-//! first variable of its sumcheck is bound. The other rounds bind a variable and compute what is said next in one pass.
+//! first variable of its sumcheck is bound. The other rounds bind a variable and compute what is stated next in one pass.
 
 pub mod halves;
 
@@ -356,7 +356,7 @@ fn round(places: &[Summand<Extension>], weights: &[Extension]) -> RoundPolynomia
 }
 
 /// One layer's sumcheck, of the claim about numerator and denominator at a point. Returns its point, and the four values there, which are
-/// said.
+/// stated.
 fn prove_layer<L: Leaves>(
     prover: &mut Prover,
     leaves: L,

@@ -107,7 +107,7 @@ impl Filling<'_> {
         values
     }
 
-    /// Saturates the values of the base, whose half `base` says, and fills in by how much they exceeded each limit, on the axes `own`.
+    /// Saturates the values of the base, whose half `base` states, and fills in by how much they exceeded each limit, on the axes `own`.
     pub fn saturate(
         &mut self,
         values: &mut [i64],

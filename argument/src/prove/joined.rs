@@ -1,6 +1,6 @@
 //! The prover's side of [`crate::sumcheck::verify_joined`].
 //!
-//! Each round makes one pass over the tables: it binds the last round's variable and computes what is said next. Tables of the base field
+//! Each round makes one pass over the tables: it binds the last round's variable and computes what is stated next. Tables of the base field
 //! stay there until the first variable is bound.
 
 mod columns;
@@ -112,7 +112,7 @@ impl Joined {
     }
 }
 
-/// Proves the sum of all `sums`, as [`crate::sumcheck::verify_joined`] says. Returns the challenges, those of the highest variables first, and
+/// Proves the sum of all `sums`, as [`crate::sumcheck::verify_joined`] states. Returns the challenges, those of the highest variables first, and
 /// what the values there add up to.
 pub fn prove(
     prover: &mut Prover,
@@ -122,7 +122,7 @@ pub fn prove(
     let longest = sums.iter().map(Joined::len).max().unwrap_or(1);
     let variables = longest.max(1).ilog2() as usize;
     let mut point = Vec::with_capacity(variables);
-    // The first polynomial of a sum that does not have all variables says what the sum is.
+    // The first polynomial of a sum that does not have all variables states what the sum is.
     let waiting = sums.iter_mut().map(|sum| match sum.len() {
         1 => vec![sum.monomials.value(|table| sum.tables[table].first())],
         length if length < longest => interpolate(&sum.round()),
@@ -261,7 +261,7 @@ mod tests {
         (0..sum.len()).map(at).sum()
     }
 
-    /// A verifier accepts, and the values at its point add up to what it says. A sum that lacks variables counts once.
+    /// A verifier accepts, and the values at its point add up to what it states. A sum that lacks variables counts once.
     #[test]
     fn the_verifier_comes_to_the_same_point() {
         let scale = Extension([9, 11].map(Goldilocks::from_u32));

@@ -23,15 +23,15 @@ use std::path::Path;
 
 /// A prover, and what it knows.
 pub struct Proving<'a> {
-    /// What was said.
+    /// What was stated.
     pub prover: Prover,
     /// All instances. What has no instance follows, for the indices up to a power of two: its values are zero.
     instances: Vec<Instance<'a>>,
     /// How many are instances.
     count: usize,
-    /// The values of each instance that claims are about whose value was said.
+    /// The values of each instance that claims are about whose value was stated.
     said: Vec<(Weighted, Vec<Extension>)>,
-    /// Factors of products whose sums were said, until their sumcheck.
+    /// Factors of products whose sums were stated, until their sumcheck.
     factors: Vec<(Sum, ProductFactors)>,
     /// Sums over the higher half of the variables of all leaves, by instance.
     halves: Vec<[Vec<Extension>; 2]>,
@@ -49,7 +49,7 @@ pub struct Proving<'a> {
 const ADDING: f64 = 0.7;
 
 impl<'a> Proving<'a> {
-    /// Goes on with what was said, with so many instances. Others follow them, whose values are zero, up to a power of two.
+    /// Goes on with what was stated, with so many instances. Others follow them, whose values are zero, up to a power of two.
     pub fn new(prover: Prover, instances: Vec<Instance<'a>>, count: usize, tell: Tell<'a>) -> Self {
         Self {
             prover,

@@ -1,12 +1,12 @@
 //! What an argument is about: tensors of integers that were committed to, and relations between them.
 //!
 //! Everything here is fixed by the statement and known to both sides. A relation never names single values. It names *tensors*, whose
-//! values have an index on each of their axes, and says what holds for all indices:
+//! values have an index on each of their axes, and states what holds for all indices:
 //!
 //! - a [`Virtual`] is a tensor that nobody commits to, because each of its values is one of another tensor;
 //! - a [`Product`] is a tensor of sums of products of two others, as a matrix product is;
 //! - a [`Monomials`] is a tensor of sums of products of values at the same index;
-//! - a [`Lookup`] says that each entry of a tensor is a row of a table; an [`Equality`] says that each value of a tensor is zero.
+//! - a [`Lookup`] states that each entry of a tensor is a row of a table; an [`Equality`] states that each value of a tensor is zero.
 
 pub mod along;
 mod axis;
@@ -214,7 +214,7 @@ pub enum Count {
     Each,
     /// An entry is looked up where a public value is 1, and not where it is 0.
     Masked(usize),
-    /// The entries are a table's rows. A virtual tensor says how often each is looked up.
+    /// The entries are a table's rows. A virtual tensor states how often each is looked up.
     Offered(usize),
 }
 

@@ -105,7 +105,7 @@ pub enum RangeColumn {
     Bits,
 }
 
-/// The table of ranges. Row 2^k + v says that v is below 2^k. Row 0 says the same as row 1.
+/// The table of ranges. Row 2^k + v states that v is below 2^k. Row 0 states the same as row 1.
 pub struct Ranges {
     /// The axis of its rows.
     pub axis: [Axis; 1],

@@ -1,4 +1,4 @@
-//! Cheats about words: what is said has one encoding, and nothing is left over.
+//! Cheats about words: what is stated has one encoding, and nothing is left over.
 
 use super::lies::World;
 use bytemuck::TransparentWrapper;
@@ -23,7 +23,7 @@ fn an_argument_that_ends_early_is_refused() {
 
 const STATEMENT: SpongeDigest = SpongeDigest([3, 1, 4, 1]);
 
-/// A tree of two rows, of which the first is opened, and what a verifier says of it.
+/// A tree of two rows, of which the first is opened, and what a verifier states of it.
 fn opened(row: [u64; 4], change: impl FnOnce(&mut Vec<u64>)) -> Result<(), Refused> {
     let mut prover = Prover::new(&STATEMENT, Pads::new(vec![]));
     let tree = Tree::new(2, 4, 0, |_, column| row[column]);

@@ -42,7 +42,7 @@ fn what_is_combined_without_work_is_refused() {
     let world = World::random(1, 43);
     let places = world.prove(&world.known, Lie::Nothing).places().to_vec();
     let masks = places.iter().filter(|place| place.is_none()).count();
-    // Before the masks, two values of columns were said, and after them two sums.
+    // Before the masks, two values of columns were stated, and after them two sums.
     let first_mask = places.len() - 2 - masks;
     let [sum, of_g, with_masks] =
         [first_mask - 2, first_mask - 1, first_mask + masks].map(|pad| places[pad].unwrap());

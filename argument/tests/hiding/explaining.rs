@@ -1,4 +1,4 @@
-//! Words that one sample's argument says are explained by another sample with the same losses: there is a blinding with which its argument says the same
+//! Words that one sample's argument states are explained by another sample with the same losses: there is a blinding with which its argument states the same
 //! words, but for digests. So the words show nothing of either.
 
 use super::made::{alike, extension, Blinding, Made};
@@ -72,7 +72,7 @@ impl Column {
     }
 }
 
-/// What the first world says with `blinding`, and the blinding with which the second one says the same.
+/// What the first world states with `blinding`, and the blinding with which the second one states the same.
 fn explain([first, second]: [&Made; 2], blinding: &Blinding) -> (Vec<u64>, Blinding) {
     let first_random = first.shape.first_random();
     let parameters = &first.shape.parameters;
@@ -84,7 +84,7 @@ fn explain([first, second]: [&Made; 2], blinding: &Blinding) -> (Vec<u64>, Blind
     let (words, places) = (honest.words().to_vec(), honest.places().to_vec());
     let said = |words: &[u64], pad: usize| places[pad].map(|place| extension(words, place));
 
-    // With the same pads, what a secret value is said as differs as the value does.
+    // With the same pads, what a secret value is stated as differs as the value does.
     let mut pads = random(u);
     let add = |pads: &mut Vec<Goldilocks>, pad: usize, change: Extension| {
         pads[2 * pad] += change.0[0];
@@ -210,7 +210,7 @@ fn explain([first, second]: [&Made; 2], blinding: &Blinding) -> (Vec<u64>, Blind
     (words, result)
 }
 
-/// Whether the second world has a blinding with which it says the words of the first one, but for digests.
+/// Whether the second world has a blinding with which it states the words of the first one, but for digests.
 fn explained(samples: usize, seed: u64) {
     let [first, second] = alike(samples, seed).map(|models| Made::new(&models));
     assert_eq!(first.statement.digest(), second.statement.digest());

@@ -60,7 +60,7 @@ impl Party for Noting<'_, '_> {
     }
 }
 
-/// All secret values of an argument, and the kinds of those that are said before its end.
+/// All secret values of an argument, and the kinds of those that are stated before its end.
 fn secrets(made: &Made) -> (Vec<Extension>, Vec<&'static str>) {
     let samples = made.witnesses.len() as u64;
     let mut kinds = vec![];

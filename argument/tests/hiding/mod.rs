@@ -1,4 +1,4 @@
-//! What an argument shows: nothing that depends on a sample, but for what the statement says of it.
+//! What an argument shows: nothing that depends on a sample, but for what the statement states of it.
 //!
 //! - [`made`]: arguments whose blinding a test chooses. [`explaining`]: another sample explains the same words.
 //! - [`simulator`]: the words can be made without a sample.

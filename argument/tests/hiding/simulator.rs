@@ -1,5 +1,5 @@
 //! Who knows no sample can make the words of an argument, if the challenges are known before: from the statement and the weights alone. So the words tell
-//! nothing else, as long as what is said is uniform, which the other tests here show.
+//! nothing else, as long as what is stated is uniform, which the other tests here show.
 
 use super::made::{elements, Made};
 use crate::models::Models;

@@ -81,10 +81,10 @@ impl HtmlPage {
             Verdict::Incomplete => "<div class=\"verdict partial\"><b>",
             Verdict::Failed => "<div class=\"verdict bad\"><b>",
         });
-        let (word, says) = sentence(audited);
+        let (word, reports) = sentence(audited);
         self.text(word);
         self.markup("</b><br>");
-        self.text(says);
+        self.text(reports);
         self.markup(".<br>");
         self.text(format_args!(
             "The log has {}. The last one was recorded at {}.",
@@ -342,6 +342,6 @@ fn rules(network: &NetworkSummary) -> Vec<(String, String)> {
     };
     rules
         .into_iter()
-        .map(|(rule, says)| (name(rule), value(says)))
+        .map(|(rule, reports)| (name(rule), value(reports)))
         .collect()
 }

@@ -114,9 +114,9 @@ impl HtmlPage {
         }
         self.heading("Rollouts");
         self.markup(
-            "<p><b>Not proven.</b> Whoever made this page says what a policy did in a simulation. The audit compared the receipt's network, round and weights \
-             with the ledger, and nothing else of this section: not that the policy's files are what the receipt says (zk0 export check does), nor \
-             that the simulation ran as it says.</p>",
+            "<p><b>Not proven.</b> Whoever made this page states what a policy did in a simulation. The audit compared the receipt's network, round and weights \
+             with the ledger, and nothing else of this section: not that the policy's files are what the receipt reports (zk0 export check does), nor \
+             that the simulation ran as it reports.</p>",
         );
         let columns = [
             "#round",
@@ -132,7 +132,7 @@ impl HtmlPage {
             let results = &one.results;
             let receipt = results.policy.receipt.as_ref();
             let percent = |share: f64| format!("{:.0}", share * 100.0);
-            let says = match (receipt, one.of_this_ledger) {
+            let reports = match (receipt, one.of_this_ledger) {
                 (None, _) => "none",
                 (Some(_), true) => "the ledger's weights after that round",
                 (Some(_), false) => "NOT the ledger's weights after that round",
@@ -149,7 +149,7 @@ impl HtmlPage {
                         percent(results.interval.low),
                         percent(results.interval.high)
                     ),
-                    &says,
+                    &reports,
                     &results
                         .policy
                         .model_sha256

@@ -90,8 +90,8 @@ pub fn stacked(title: &str, x: &PlotAxis<'_>, y: &str, series: &[Series<'_>]) ->
             };
             let (top, bottom) = (chart.y(base + value), chart.y(base));
             base += value;
-            let says = format!("{}: {} {}", labels[at], number(value), one.name);
-            chart.rect((x, top), (width, bottom - top), one.colour, &says);
+            let reports = format!("{}: {} {}", labels[at], number(value), one.name);
+            chart.rect((x, top), (width, bottom - top), one.colour, &reports);
         }
     }
     chart.finish()
@@ -289,11 +289,17 @@ impl Chart {
         }
     }
 
-    fn rect(&mut self, (x, y): (f64, f64), (width, height): (f64, f64), colour: &str, says: &str) {
+    fn rect(
+        &mut self,
+        (x, y): (f64, f64),
+        (width, height): (f64, f64),
+        colour: &str,
+        reports: &str,
+    ) {
         self.element(&format!(
             "<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" fill=\"{}\"><title>{}</title></rect>",
             escape(colour),
-            escape(says)
+            escape(reports)
         ));
     }
 

@@ -70,8 +70,8 @@ pub fn verdict(audited: &Audited) -> String {
         };
         line(label, &printable(&placed(finding)));
     }
-    let (label, says) = sentence(audited);
-    line(label, says);
+    let (label, reports) = sentence(audited);
+    line(label, reports);
     text
 }
 

@@ -1,4 +1,4 @@
-//! A ledger is pruned. Audits then say what they could not check, and find no fault; what is lost without having been pruned stays a fault.
+//! A ledger is pruned. Audits then state what they could not check, and find no fault; what is lost without having been pruned stays a fault.
 //!
 //! The operator of these tests accepts proofs of nothing. A vote has put a program in force whose proofs no release of zk0 verifies, so that
 //! an audit calls them not checked.
@@ -54,7 +54,7 @@ fn proof(round: u8, node: u8) -> Vec<u8> {
     vec![b'p', round, node]
 }
 
-/// Node 1 and node 2 contribute to a round. `refused` says why the second one's contribution does not count, if it does not.
+/// Node 1 and node 2 contribute to a round. `refused` states why the second one's contribution does not count, if it does not.
 fn round(operator: &mut Operator, refused: Option<RefusalCode>) {
     let number = operator.state().next_round() as u8;
     operator.open();
@@ -146,7 +146,7 @@ fn left_out(auditor: &Auditor, what: CheckKind) -> u64 {
         .sum()
 }
 
-fn says(report: &ReplayReport, words: &str) -> bool {
+fn reports(report: &ReplayReport, words: &str) -> bool {
     let mut findings = report.findings.iter();
     findings.any(|finding| finding.text.contains(words))
 }
@@ -194,7 +194,7 @@ fn updates_of_older_rounds_go_and_audits_say_what_they_could_not_check() {
         let (after, auditor) = audit(dir, depth);
         assert_eq!(after.verdict, Verdict::Incomplete);
         assert_eq!(faults(&after), [] as [&str; 0]);
-        assert!(says(
+        assert!(reports(
             &after,
             "has pruned the updates of rounds 0 to 1 (signed"
         ));
@@ -205,7 +205,7 @@ fn updates_of_older_rounds_go_and_audits_say_what_they_could_not_check() {
         assert_eq!(left_out(&auditor, CheckKind::Averages), 2 * full);
         assert_eq!(left_out(&auditor, CheckKind::Proofs), 0);
         let repeated = "how the updates of rounds 0 to 1 were combined cannot be computed again";
-        assert_eq!(says(&after, repeated), full == 1, "{:?}", after.findings);
+        assert_eq!(reports(&after, repeated), full == 1, "{:?}", after.findings);
     }
     // Nothing is left to do.
     let again = prune(dir, &TWO_ROUNDS, now_ms);
@@ -213,7 +213,10 @@ fn updates_of_older_rounds_go_and_audits_say_what_they_could_not_check() {
     assert_eq!(again.kept, plan.kept);
     let whole = fsck(dir);
     assert!(whole.is_whole(), "{:?}", whole.report.findings);
-    assert!(says(&whole.report, "5 such blobs are not in this folder"));
+    assert!(reports(
+        &whole.report,
+        "5 such blobs are not in this folder"
+    ));
 }
 
 #[test]

@@ -73,7 +73,7 @@ fn only_a_statement_of_the_log_about_rounds_that_had_closed_counts() {
     fails("it is about network 0101");
     fs::write(dir.join("pruned"), b"pruned").unwrap();
     fails("does not hold a statement about pruned blobs that counts");
-    // An operator who signs once that nothing is ever kept has said nothing about rounds that close later.
+    // An operator who signs once that nothing is ever kept has stated nothing about rounds that close later.
     let of_the_future = Pruning {
         entries: true_one.entries - 1,
         updates_before: u64::MAX,
@@ -126,13 +126,13 @@ fn every_copy_of_the_log_says_what_was_pruned() {
     // This mirror is older, and keeps what the log prunes later.
     follow(dir, &at("older")).unwrap();
     prune(dir, &TWO_ROUNDS, now_ms);
-    let said = statement(dir);
+    let reported = statement(dir);
     export(&Publication::open(dir, None).unwrap(), &at("export")).unwrap();
     backup(dir, &at("backup")).unwrap();
     follow(&at("export"), &at("mirror")).unwrap();
     follow(dir, &at("older")).unwrap();
     for copy in ["backup", "mirror", "older"] {
-        assert_eq!(statement(&at(copy)), said, "{copy}");
+        assert_eq!(statement(&at(copy)), reported, "{copy}");
         let (report, auditor) = audit(&at(copy), Depth::Full);
         assert_eq!(faults(&report), [] as [&str; 0], "{copy}");
         let pruned = left_out(&auditor, CheckKind::Updates);
@@ -141,7 +141,7 @@ fn every_copy_of_the_log_says_what_was_pruned() {
     // A source without the statement does not take it away.
     fs::remove_file(at("export").join("zk0/pruned")).unwrap();
     follow(&at("export"), &at("mirror")).unwrap();
-    assert_eq!(statement(&at("mirror")), said);
+    assert_eq!(statement(&at("mirror")), reported);
     // One that does not count is refused.
     fs::write(at("export").join("zk0/pruned"), b"pruned").unwrap();
     let refused = follow(&at("export"), &at("mirror"));

@@ -1,4 +1,4 @@
-//! The SP1 program of mode `direct`: it computes everything that the claim says, matrix products included.
+//! The SP1 program of mode `direct`: it computes everything that the claim states, matrix products included.
 #![no_main]
 
 use zk0_circuits::claim::private_input::INPUT_BUFFERS;

@@ -1,7 +1,7 @@
 //! What a dataset commitment commits to.
 //!
 //! A *sample* is the frozen prefix's key/value cache of one frame, the normalised action chunk and its pad mask, all
-//! in fixed point. Its leaf is `H(salt, Poseidon2(sample))` under one secret salt per dataset. Leaves say nothing about
+//! in fixed point. Its leaf is `H(salt, Poseidon2(sample))` under one secret salt per dataset. Leaves state nothing about
 //! the data. Two equal samples give two equal leaves, so that whoever holds the list of leaves (the aggregator, an auditor)
 //! sees every duplicate.
 

@@ -22,7 +22,7 @@ use crate::vm::digest::Digest;
 use crate::vm::merkle;
 use alloc::vec::Vec;
 
-/// Mode `direct`: computes every product. Checks everything and returns the claim, or says which check failed.
+/// Mode `direct`: computes every product. Checks everything and returns the claim, or states which check failed.
 ///
 /// The digests of quantised weights and of the specification are computed here, from what is evaluated. The digests of the
 /// weights' files are taken as given: the verifier holds the files and recomputes both kinds.

@@ -9,7 +9,7 @@
 //! is Student's t-statistic with n − 1 degrees of freedom ("Student", The probable error of a mean, Biometrika 6, 1908). The test
 //! passes if it exceeds the quantile of the asked confidence. Both sides are squared, so that nothing is rounded.
 //!
-//! `make power` measures what the test is worth, and `docs/samples.md` says what came out.
+//! `make power` measures what the test is worth, and `docs/samples.md` states what came out.
 
 use crate::claim::challenge::MAX_EVAL_SAMPLES;
 use crate::claim::student::{quantile, Confidence};

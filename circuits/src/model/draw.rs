@@ -21,7 +21,7 @@ pub struct Draw {
     pub noise: Vec<i16>,
 }
 
-/// The flow time of `position`: `word` says where it lies in part `position` of `count` equal parts of the distribution.
+/// The flow time of `position`: `word` states where it lies in part `position` of `count` equal parts of the distribution.
 fn stratified(position: u32, count: u32, word: u16) -> u16 {
     let place = (u64::from(position) << 16) | u64::from(word);
     let share = place / u64::from(count.max(1)); // of 2^16: the probability of a smaller time
@@ -30,7 +30,7 @@ fn stratified(position: u32, count: u32, word: u16) -> u16 {
 
 /// Draws for the evaluated sample at `position` (0, 1, … in the order of [`crate::claim::challenge::sample_indices`]) of `count`.
 ///
-/// The first two bytes of `H("zk0/draw/v4", challenge, position)`, a little-endian u16, say where the flow time lies in its part of the
+/// The first two bytes of `H("zk0/draw/v4", challenge, position)`, a little-endian u16, state where the flow time lies in its part of the
 /// distribution. The noise is made of the stream ([`Stream`]) that this digest seeds, 12 bits for each value.
 pub fn draw(spec: &EvalSpec, challenge: &Digest, position: u32, count: u32) -> Draw {
     let values = spec.dims.chunk as usize * spec.dims.max_action_dim as usize;

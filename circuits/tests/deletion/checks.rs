@@ -37,7 +37,7 @@ const fn check(
 }
 
 impl Deletion {
-    /// Says that another check stops the cheat as well, with this reason.
+    /// States that another check stops the cheat as well, with this reason.
     const fn still(mut self, refused: &'static str) -> Self {
         self.still_refused = Some(refused);
         self
@@ -285,7 +285,7 @@ pub const DELETIONS: &[Deletion] = &[
         "improvement: by its minimum",
         "claim/t_test.rs",
         &[("ONE - (self.min_improvement_bps as i128).min(ONE)", "ONE")],
-        "improves less than it says",
+        "improves less than it states",
         "which does not show an improvement by 9000 basis points",
     ),
     check(

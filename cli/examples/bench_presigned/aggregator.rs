@@ -47,8 +47,8 @@ impl Aggregator {
         let run = |arguments: &[&str]| {
             let output = Command::new(program).args(arguments).output();
             let output = output.unwrap_or_else(|error| panic!("{program}: {error}"));
-            let said = String::from_utf8_lossy(&output.stderr).into_owned();
-            assert!(output.status.success(), "{arguments:?}: {said}");
+            let reported = String::from_utf8_lossy(&output.stderr).into_owned();
+            assert!(output.status.success(), "{arguments:?}: {reported}");
             String::from_utf8(output.stdout).expect("text")
         };
         let network = found(dir.path(), members, bytes, run);
@@ -70,8 +70,8 @@ impl Aggregator {
         while address.is_none() || metrics.is_none() {
             let line = log.next().expect("it goes on").expect("text");
             let line: Value = serde_json::from_str(&line).expect("JSON");
-            let said = line["message"].as_str().unwrap_or_default();
-            if let Some((_, at)) = said.split_once("the metrics are at http://") {
+            let reported = line["message"].as_str().unwrap_or_default();
+            if let Some((_, at)) = reported.split_once("the metrics are at http://") {
                 metrics = Some(at.trim_end_matches("/metrics").to_owned());
             }
             if let Some(at) = line["listening"].as_str() {
@@ -119,7 +119,7 @@ impl Aggregator {
     }
 }
 
-/// What Linux says of a process.
+/// What Linux states of a process.
 fn file(process: u32, name: &str) -> String {
     let path = format!("/proc/{process}/{name}");
     fs::read_to_string(path).expect("Linux has this file")

@@ -47,7 +47,7 @@ pub fn keep_to(
     atomic_file::create_folder(folder).with_context(|| format!("creating {shown}"))?;
     if let Err(why) = compare(folder, closed, holds_weights) {
         bail!(
-            "{shown} does not say of which network its policy folders are ({why:#}): name another folder with --checkpoints; or, if you know that they are of this network, write its id into {}: {network}",
+            "{shown} does not state of which network its policy folders are ({why:#}): name another folder with --checkpoints; or, if you know that they are of this network, write its id into {}: {network}",
             path.display()
         );
     }
@@ -106,11 +106,11 @@ pub fn rounds(folder: &Path) -> Result<Vec<u64>> {
 
 fn published(folder: &Path) -> Result<Option<(String, u64)>> {
     let text = read(&folder.join(PUBLISHED))?;
-    let said = text.as_deref().and_then(|text| {
+    let reported = text.as_deref().and_then(|text| {
         let (repository, round) = text.trim().split_once(' ')?;
         Some((repository.to_owned(), round.parse().ok()?))
     });
-    Ok(said)
+    Ok(reported)
 }
 
 /// The round published last in this repository.
@@ -118,8 +118,8 @@ fn published(folder: &Path) -> Result<Option<(String, u64)>> {
 /// # Errors
 /// The file cannot be read.
 pub fn published_in(folder: &Path, repository: &Repository) -> Result<Option<u64>> {
-    let said = published(folder)?.filter(|(name, _)| *name == repository.to_string());
-    Ok(said.map(|(_, round)| round))
+    let reported = published(folder)?.filter(|(name, _)| *name == repository.to_string());
+    Ok(reported.map(|(_, round)| round))
 }
 
 /// Records a published round.
@@ -169,11 +169,11 @@ mod tests {
     ) -> String {
         let error = keep_to(folder, &OURS, closed, holds_weights).unwrap_err();
         assert!(!folder.join(NETWORK).exists());
-        let said = error.to_string();
+        let reported = error.to_string();
         for part in ["--checkpoints", &OURS.to_string()] {
-            assert!(said.contains(part), "{said}");
+            assert!(reported.contains(part), "{reported}");
         }
-        said
+        reported
     }
 
     #[test]
@@ -186,14 +186,14 @@ mod tests {
         fs::create_dir(round_folder(&folder, 9)).unwrap();
         keep_to(&folder, &OURS, 10, never).unwrap();
 
-        let said = keep_to(&folder, &TRIAL, 10, never).unwrap_err().to_string();
+        let reported = keep_to(&folder, &TRIAL, 10, never).unwrap_err().to_string();
         for part in [
             folder.to_str().unwrap(),
             &format!("of network {OURS}"),
             &format!("this is network {TRIAL}"),
             "--checkpoints",
         ] {
-            assert!(said.contains(part), "{said}");
+            assert!(reported.contains(part), "{reported}");
         }
         assert_eq!(fs::read_to_string(folder.join(NETWORK)).unwrap(), named);
     }
@@ -203,11 +203,12 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join(NETWORK);
         fs::write(&path, "my network").unwrap();
-        let said = keep_to(dir.path(), &OURS, 0, never).unwrap_err();
-        let said = said.to_string();
+        let reported = keep_to(dir.path(), &OURS, 0, never).unwrap_err();
+        let reported = reported.to_string();
         assert!(
-            said.contains("does not hold the id of a network") && said.contains(&OURS.to_string()),
-            "{said}"
+            reported.contains("does not hold the id of a network")
+                && reported.contains(&OURS.to_string()),
+            "{reported}"
         );
         assert_eq!(fs::read_to_string(&path).unwrap(), "my network");
         fs::write(&path, OURS.to_string()).unwrap();
@@ -233,17 +234,20 @@ mod tests {
     #[test]
     fn a_folder_with_weights_of_another_network_is_refused() {
         let dir = unnamed(&[9, 19]);
-        let said = refused(dir.path(), 20, |round, _| Ok(round != 9));
-        assert!(said.contains("round-9 does not hold the weights"), "{said}");
-        let said = refused(dir.path(), 20, |_, _| bail!("the blob was pruned"));
+        let reported = refused(dir.path(), 20, |round, _| Ok(round != 9));
         assert!(
-            said.contains("with the ledger: the blob was pruned"),
-            "{said}"
+            reported.contains("round-9 does not hold the weights"),
+            "{reported}"
         );
-        let said = refused(dir.path(), 0, never);
+        let reported = refused(dir.path(), 20, |_, _| bail!("the blob was pruned"));
         assert!(
-            said.contains("round 9, which this network has not closed"),
-            "{said}"
+            reported.contains("with the ledger: the blob was pruned"),
+            "{reported}"
+        );
+        let reported = refused(dir.path(), 0, never);
+        assert!(
+            reported.contains("round 9, which this network has not closed"),
+            "{reported}"
         );
     }
 
@@ -252,8 +256,8 @@ mod tests {
         let robots: Repository = "robots/arm".parse().unwrap();
         let dir = unnamed(&[9]);
         note_published(dir.path(), &robots, 99).unwrap();
-        let said = refused(dir.path(), 20, never);
-        assert!(said.contains("round 99, which"), "{said}");
+        let reported = refused(dir.path(), 20, never);
+        assert!(reported.contains("round 99, which"), "{reported}");
         note_published(dir.path(), &robots, 9).unwrap();
         keep_to(dir.path(), &OURS, 20, |_, _| Ok(true)).unwrap();
         let others: Repository = "others/arm".parse().unwrap();
@@ -264,7 +268,7 @@ mod tests {
         let dir = unnamed(&[]);
         assert_eq!(published_in(dir.path(), &robots).unwrap(), None);
         note_published(dir.path(), &robots, 9).unwrap();
-        let said = refused(dir.path(), 20, never);
-        assert!(said.contains("no policy folder is left"), "{said}");
+        let reported = refused(dir.path(), 20, never);
+        assert!(reported.contains("no policy folder is left"), "{reported}");
     }
 }

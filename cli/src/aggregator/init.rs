@@ -43,7 +43,7 @@ pub struct Init {
     /// How the evaluation is proven. direct: the proven program evaluates, which costs least for small policies; nodes send the samples of each
     /// claim to their proving service. succinct: it verifies an argument that the node makes before, which shows the proving service no sample,
     /// and costs less for all larger policies, up to the published size. Without this option, zk0 takes the mode that costs fewer cycles, and
-    /// says which.
+    /// states which.
     #[arg(long)]
     mode: Option<Mode>,
     /// Begin with this policy: a policy file, or a LeRobot policy folder. The folder's tokenizer.json, or that of the repository which it names,
@@ -228,7 +228,7 @@ impl Init {
             chunk: policy.config.chunk_size as u64,
         };
         let best = direct.best();
-        let said = format!(
+        let reported = format!(
             "in mode direct the guest multiplies by every weight: with {weights} weights and {samples} samples a claim takes more than {} \
              million cycles",
             direct.cycles() / 1_000_000
@@ -242,10 +242,10 @@ impl Init {
                 }
             ),
             (Some(Mode::Direct), DirectCost::Endless) => {
-                bail!("{said}, which is more than a day of proving on two cores; add --mode succinct")
+                bail!("{reported}, which is more than a day of proving on two cores; add --mode succinct")
             }
             (Some(Mode::Direct), DirectCost::Dear) => {
-                tracing::warn!("{said}; --mode succinct takes fewer")
+                tracing::warn!("{reported}; --mode succinct takes fewer")
             }
             _ => {}
         }

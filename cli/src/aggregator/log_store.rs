@@ -128,7 +128,7 @@ impl LogStore {
     /// Writes what is published until `stopped`, then the rest, however long the store takes. `service` shows trouble.
     pub async fn follow(mut self, service: Service, mut stopped: oneshot::Receiver<()>) {
         service.metrics().log_store_holds(0);
-        let (mut wait, mut said) = (TICK, None);
+        let (mut wait, mut reported) = (TICK, None);
         loop {
             let ended = tokio::select! {
                 _ = &mut stopped => true,
@@ -151,15 +151,15 @@ impl LogStore {
             service.troubles().only(&OF_STORE, trouble);
             wait = match written {
                 Ok(()) => {
-                    said = None;
+                    reported = None;
                     service.metrics().log_store_holds(self.published());
                     TICK
                 }
                 Err(error) => {
                     let why = format!("{error:#}");
-                    if said.as_ref() != Some(&why) {
+                    if reported.as_ref() != Some(&why) {
                         tracing::error!("the log is not published in its store: {why}; this is tried again every {RETRY:?}");
-                        said = Some(why);
+                        reported = Some(why);
                     }
                     RETRY
                 }
@@ -212,11 +212,11 @@ fn trouble(error: &anyhow::Error) -> (Kind, &'static str) {
             | ExportError::Ledger(LedgerError::RolledBack { .. } | LedgerError::Forked { .. }),
         ) => (
             Kind::Fork,
-            "the store of the log holds another history than the ledger, or a newer one; the log of the aggregator says which",
+            "the store of the log holds another history than the ledger, or a newer one; the log of the aggregator states which",
         ),
         _ => (
             Kind::LogStore,
-            "the newest entries cannot be written to the store of the log; the log of the aggregator says why",
+            "the newest entries cannot be written to the store of the log; the log of the aggregator states why",
         ),
     }
 }

@@ -36,7 +36,7 @@ pub enum AggregatorCommand {
         file: PathBuf,
     },
     /// Print rules as JSON. You can edit them, and found a network with them (`zk0 aggregator init --rules`). `max_update_bytes` suits
-    /// the micro profile; for another policy, `init` says what it has to be.
+    /// the micro profile; for another policy, `init` states what it has to be.
     Rules(CommonRules),
     /// Found a network: its rules, its first policy, and its first nodes.
     Init(Init),

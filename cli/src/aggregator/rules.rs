@@ -51,7 +51,7 @@ pub struct CommonRules {
     /// Minutes after the randomness of a round is drawn until which nodes may submit claims.
     #[arg(long, default_value_t = Rules::default().submit_window_ms / MINUTE_MS)]
     submit_minutes: u64,
-    /// Where the randomness of the challenges comes from. docs/claim.md says what each source resists.
+    /// Where the randomness of the challenges comes from. docs/claim.md states what each source resists.
     #[arg(long, value_enum, default_value = "log-vrf")]
     randomness: RandomnessChoice,
     /// Let this governor vote on changes of the rules. `zk0 governance keygen` prints the identity; the name is for people. Repeat the

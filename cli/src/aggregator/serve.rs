@@ -107,8 +107,8 @@ pub struct AggregatorServeOptions {
 /// Time at the end for the last policy folder and the log's store. The next start completes the store.
 const LAST_FILES: Duration = Duration::from_secs(10);
 
-/// Pause between requests to witnesses at the start.
-const WITNESSES_APART: Duration = Duration::from_secs(5);
+/// How often it is looked at the start whether a witness is to be asked again, if none answers.
+const WITNESSES_APART: Duration = Duration::from_millis(250);
 
 /// Names of background tasks.
 const METRICS: &str = "the server of the metrics";
@@ -258,17 +258,24 @@ async fn not_behind(
     checkpoint: Vec<u8>,
     prove: ConsistencyProver,
 ) -> Result<()> {
+    let mut told = false;
     loop {
         let (witnesses, checkpoint) = (witnesses.clone(), checkpoint.clone());
         let prove = prove.clone();
         match spawn_blocking(move || witnesses.continues(&checkpoint, &prove)).await? {
-            Ok(0) => tracing::warn!(
-                "no witness answers, so nobody knows whether this ledger is the newest one: nothing is signed before one answers, and they are asked again every {WITNESSES_APART:?}"
-            ),
+            Ok(0) if told => {}
+            Ok(0) => {
+                tracing::warn!(
+                    "no witness answers, so nobody knows whether this ledger is the newest one: nothing is signed before one answers"
+                );
+                told = true;
+            }
             Ok(_) => return Ok(()),
-            Err(error) => return Err(error).context(OtherHistory::of(
-                "the ledger does not go on from what a witness has cosigned",
-            )),
+            Err(error) => {
+                return Err(error).context(OtherHistory::of(
+                    "the ledger does not go on from what a witness has cosigned",
+                ))
+            }
         }
         sleep(WITNESSES_APART).await;
     }

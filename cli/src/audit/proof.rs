@@ -109,7 +109,7 @@ pub fn verify(options: &Verify) -> Result<bool> {
                     proof.index, witnessed.checkpoint.size
                 );
                 println!("root         {}", witnessed.checkpoint.root);
-                println!("says         {}", printable(&describe(&entry)));
+                println!("states         {}", printable(&describe(&entry)));
                 for (name, time_s) in witnessed.cosigners {
                     println!("cosigned by  {name} at {time_s} (Unix seconds)");
                 }

@@ -149,7 +149,7 @@ fn registered(
         ))
         .into()),
         None => Err(WrongUsage(format!(
-            "--entry {index}: entry {index} does not register a dataset: `zk0 audit show LEDGER --entries` says what it is"
+            "--entry {index}: entry {index} does not register a dataset: `zk0 audit show LEDGER --entries` states what it is"
         ))
         .into()),
     }
@@ -163,7 +163,7 @@ fn whole<T>(read: Result<T, BlobError>, what: &'static str) -> Result<T> {
     );
     let read = read.context(what);
     if wrong {
-        read.with_context(|| AuditFailed("a file of the ledger is not what its name says".into()))
+        read.with_context(|| AuditFailed("a file of the ledger is not what its name states".into()))
     } else {
         read
     }
@@ -198,7 +198,7 @@ fn verdict(
             options.secret.display()
         )),
         Recomputed::OtherFeatures { found } => failed(format!(
-            "the registration says that its features have the digest {}, but they have {found}",
+            "the registration states that its features have the digest {}, but they have {found}",
             registration.dataset.feature_spec
         )),
         Recomputed::OtherEpisodes { missing, extra } => failed(format!(

@@ -145,7 +145,7 @@ fn one(options: &AuditShowOptions, index: u64) -> Result<()> {
     line("entry", &index.to_string());
     line("time", &time(entry.time_ms));
     line("kind", kind(&entry.body));
-    line("says", &describe(&entry));
+    line("states", &describe(&entry));
     for (label, value) in details(&entry.body) {
         line(label, &value);
     }
@@ -167,15 +167,15 @@ pub fn as_json(index: u64, entry: &Entry) -> serde_json::Value {
         "kind": kind(&entry.body),
         "nodes": nodes,
         "round": round(&entry.body),
-        "says": describe(entry),
+        "states": describe(entry),
         "details": details,
     })
 }
 
 /// An entry in a line.
 pub fn line(index: u64, entry: &Entry) -> String {
-    let says = printable(&describe(entry));
-    format!("{index:>8}  {}  {says}", time(entry.time_ms))
+    let reports = printable(&describe(entry));
+    format!("{index:>8}  {}  {reports}", time(entry.time_ms))
 }
 
 fn whole(history: &History) -> String {

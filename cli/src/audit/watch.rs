@@ -42,7 +42,7 @@ pub struct AuditWatchOptions {
     /// A log that is still behind then was rolled back.
     #[arg(long, value_name = "SECONDS", default_value_t = 3600)]
     behind_for: u64,
-    /// Read and fetch no weights. `zk0 audit replay --help` says what is not checked then.
+    /// Read and fetch no weights. `zk0 audit replay --help` states what is not checked then.
     #[arg(long)]
     light: bool,
     /// Print JSON lines.
@@ -98,7 +98,9 @@ pub fn run(options: &AuditWatchOptions) -> Result<bool> {
             Ok(Look::Behind(found)) => {
                 failed = 0;
                 if behind.replace(found) != Some(found) {
-                    options.say("behind", &found.to_string()).context(UNHEARD)?;
+                    options
+                        .event("behind", &found.to_string())
+                        .context(UNHEARD)?;
                 }
                 if options.looks == Some(look + 1) {
                     return Err(found).context(format!("the last check of {log} gave no verdict"));
@@ -106,7 +108,7 @@ pub fn run(options: &AuditWatchOptions) -> Result<bool> {
             }
             Ok(Look::Alarm(faults)) => {
                 for fault in faults {
-                    options.say("ALARM", &fault).context(UNHEARD)?;
+                    options.event("ALARM", &fault).context(UNHEARD)?;
                 }
                 return Ok(false);
             }
@@ -148,7 +150,7 @@ impl AuditWatchOptions {
                     ),
                     Verdict::Failed => ("failed", ""),
                 };
-                self.say(label, &format!("{entries} of network {network}{left_out}"))
+                self.event(label, &format!("{entries} of network {network}{left_out}"))
             }
             WatchEvent::New { index, entry } => {
                 if self.json {
@@ -160,7 +162,7 @@ impl AuditWatchOptions {
         }
     }
 
-    fn say(&self, label: &str, text: &str) -> io::Result<()> {
+    fn event(&self, label: &str, text: &str) -> io::Result<()> {
         write(&if self.json {
             json!({ "event": label.to_lowercase(), "text": text }).to_string()
         } else {

@@ -143,7 +143,7 @@ impl RecordingSummary {
             "robot",
             self.robot
                 .as_deref()
-                .unwrap_or("the recording does not say"),
+                .unwrap_or("the recording does not state"),
         );
         let [shortest, longest] = self.episode_frames;
         line(

@@ -124,10 +124,10 @@ fn fetched(name: &HubRecording, options: &HubOptions) -> Result<Fetched> {
 
 /// Adds a recording's name to an error that lacks it. Most errors name a file in its folder.
 pub fn of_recording(error: Error, recording: impl fmt::Display) -> Error {
-    let (name, said) = (recording.to_string(), format!("{error:#}"));
+    let (name, reported) = (recording.to_string(), format!("{error:#}"));
     let folder = name.trim_end_matches('/');
-    let is_there = said.match_indices(folder).any(|(at, _)| {
-        let (before, after) = (&said[..at], &said[at + folder.len()..]);
+    let is_there = reported.match_indices(folder).any(|(at, _)| {
+        let (before, after) = (&reported[..at], &reported[at + folder.len()..]);
         (before.is_empty() || before.ends_with(' ')) && after.starts_with(['/', ':'])
     });
     if is_there {
@@ -154,7 +154,7 @@ mod tests {
 
     #[test]
     fn a_recording_is_named_once() {
-        let said = |error: &str, recording: &str| {
+        let reported = |error: &str, recording: &str| {
             format!(
                 "{:#}",
                 of_recording(Error::msg(error.to_owned()), recording)
@@ -165,7 +165,7 @@ mod tests {
             ("my/arm/meta/info.json: missing", "my/arm/"),
             ("episode 1 frame 2: my/arm/videos/a.mp4: cut off", "my/arm"),
         ] {
-            assert_eq!(said(error, recording), error);
+            assert_eq!(reported(error, recording), error);
         }
         for (error, recording) in [
             ("the network is unreachable", "hub:robots/arm"),
@@ -174,15 +174,19 @@ mod tests {
             ("arms/meta/info.json: missing", "arm"),
         ] {
             let expected = format!("recording {recording}: {error}");
-            assert_eq!(said(error, recording), expected);
+            assert_eq!(reported(error, recording), expected);
         }
     }
 
     #[test]
     fn a_folder_that_is_not_there_is_named_once() {
         let name: RecordingName = "no/such/recording".parse().unwrap();
-        let said = format!("{:#}", name.open().unwrap_err());
-        assert_eq!(said.matches("no/such/recording").count(), 1, "{said}");
+        let reported = format!("{:#}", name.open().unwrap_err());
+        assert_eq!(
+            reported.matches("no/such/recording").count(),
+            1,
+            "{reported}"
+        );
     }
 
     #[test]

@@ -34,7 +34,7 @@ pub struct DemoOptions {
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u64).range(2..=16))]
     nodes: u64,
     /// How the evaluation is proven: direct or succinct. `zk0 aggregator init --help` explains them, and what each shows the
-    /// prover. Without this option, the demo takes the mode that costs fewer cycles for its policy, and says which.
+    /// prover. Without this option, the demo takes the mode that costs fewer cycles for its policy, and states which.
     #[arg(long)]
     mode: Option<Mode>,
     /// A recording for a node (a LeRobotDataset folder). Repeat the option to give each node one. If there are more, the
@@ -86,7 +86,7 @@ pub async fn run(options: &DemoOptions) -> Result<()> {
     let (network, nodes) = (out.join("network"), out.join("nodes"));
     fs::create_dir_all(&nodes).with_context(|| format!("creating {}", nodes.display()))?;
     let console = Console::new(fs::File::create(out.join("zk0.log")).context("creating the log")?);
-    console.say(&format!("the results go to {}", out.display()));
+    console.tell(&format!("the results go to {}", out.display()));
 
     let start = |name: &str, command: &str, options: &[(&str, &dyn AsRef<OsStr>)]| {
         ChildProcess::start(name, command, options, &console)
@@ -182,7 +182,7 @@ pub async fn run(options: &DemoOptions) -> Result<()> {
     prover.stop().await;
     aggregator.stop().await;
 
-    console.say("the ledger is audited, as an outsider would do it");
+    console.tell("the ledger is audited, as an outsider would do it");
     let own = options.datasets.iter().zip(&names).enumerate();
     let own = own.map(|(number, (path, name))| EvaluationRecording {
         path: path.clone(),

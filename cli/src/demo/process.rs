@@ -35,7 +35,7 @@ impl Console {
     }
 
     /// Writes a line of the demo itself.
-    pub fn say(&self, text: &str) {
+    pub fn tell(&self, text: &str) {
         let mut line = Map::new();
         line.insert("message".into(), text.into());
         self.record("demo", line);
@@ -168,7 +168,7 @@ impl ChildProcess {
         match told {
             Ok(Some(address)) => Ok(address),
             _ => bail!(
-                "{} ended before it listened; its last log lines above say why",
+                "{} ended before it listened; its last log lines above state why",
                 self.name
             ),
         }
@@ -183,7 +183,7 @@ impl ChildProcess {
             .with_context(|| format!("waiting for {}", self.name))?;
         if !status.success() {
             bail!(
-                "{} ended with {status}; its last log lines above say why",
+                "{} ended with {status}; its last log lines above state why",
                 self.name
             );
         }
@@ -194,7 +194,7 @@ impl ChildProcess {
     pub async fn ended(&mut self) -> anyhow::Error {
         match self.child.wait().await {
             Ok(status) => anyhow::anyhow!(
-                "{} ended too early with {status}; its last log lines above say why",
+                "{} ended too early with {status}; its last log lines above state why",
                 self.name
             ),
             Err(error) => anyhow::Error::from(error).context(format!("waiting for {}", self.name)),

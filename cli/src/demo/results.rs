@@ -57,7 +57,7 @@ pub fn finish(
     let (entries, report) = verified_entries(network)?;
     print!("\n{}\n", verdict(&report));
     if report.verdict != Verdict::Verified {
-        bail!("the audit did not verify everything; the lines above say why");
+        bail!("the audit did not verify everything; the lines above state why");
     }
     let Some(Body::Genesis(genesis)) = entries.first().map(|entry| &entry.body) else {
         bail!("the ledger has no genesis");
@@ -104,7 +104,7 @@ pub fn finish(
         &serde_json::to_vec_pretty(&metrics)?,
     )
     .context("writing metrics.json")?;
-    console.say(&format!(
+    console.tell(&format!(
         "done: {} accepted, {refused} refused, and the ledger is verified; the results are in {}",
         counted(accepted as u64, "contribution", "contributions"),
         out.display()

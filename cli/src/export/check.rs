@@ -55,7 +55,7 @@ fn wrong(
 ) -> Result<Vec<String>> {
     let mut wrong = Vec::new();
     let found = ExportReceipt::of(closing, &options.folder)?;
-    for (what, says, is) in [
+    for (what, reports, is) in [
         ("network", &receipt.network, &found.network),
         ("log", &receipt.log, &found.log),
         (
@@ -70,9 +70,9 @@ fn wrong(
             &found.policy_sha256,
         ),
     ] {
-        if says != is {
+        if reports != is {
             wrong.push(format!(
-                "the receipt says {what} {says}, and the ledger says {is}"
+                "the receipt states {what} {reports}, and the ledger states {is}"
             ));
         }
     }

@@ -1,6 +1,7 @@
 //! `zk0 governance`: propose, vote, dispute, change a key.
 
 mod change;
+mod new_witnesses;
 mod status;
 
 use crate::keys;
@@ -13,7 +14,7 @@ use ed25519_dalek::SigningKey;
 use std::path::{Path, PathBuf};
 use zk0_circuits::Digest;
 use zk0_node::state_files;
-use zk0_protocol::entries::proposal::Ballot;
+use zk0_protocol::entries::proposal::{Action, Ballot};
 use zk0_protocol::entries::signed::Evidence;
 
 /// What to do.
@@ -25,7 +26,7 @@ pub enum GovernanceCommand {
         file: PathBuf,
     },
     /// Print the rules and the guest program in force, and the open proposals. The aggregator proves that the proposals are on its ledger,
-    /// but it only says how the votes stand; `zk0 audit replay` counts the votes again.
+    /// but it only states how the votes stand; `zk0 audit replay` counts the votes again.
     Status {
         #[command(flatten)]
         network: NetworkChoice,
@@ -33,7 +34,7 @@ pub enum GovernanceCommand {
         #[arg(long)]
         rules: bool,
     },
-    /// Propose a change. Votes on it are taken for as long as the rules say.
+    /// Propose a change. Votes on it are taken for as long as the rules state.
     Propose {
         #[command(flatten)]
         signer: Signer,
@@ -127,6 +128,9 @@ async fn answer(command: &GovernanceCommand) -> Result<()> {
         } => {
             let mut node = signer.connect().await?;
             let action = change.action(node.genesis().mode)?;
+            if let Action::ChangeRules(rules) = &action {
+                new_witnesses::check(&mut node, rules).await?;
+            }
             let proposed = node.propose(title.clone(), text.clone(), action).await?;
             println!("proposal {} is entry {}", proposed.number, proposed.entry);
         }

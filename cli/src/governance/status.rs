@@ -11,6 +11,11 @@ use zk0_protocol::rpc::federation::OpenProposal;
 pub fn status(info: &GovernanceInfo) -> Result<String> {
     let mut text = serde_json::to_string_pretty(&info.rules)? + "\n\n";
     text.push_str(&format!("guest program: {}\n\n", info.program));
+    if info.not_cosigned {
+        text.push_str(
+            "not cosigned: too few witnesses cosign, so not all of this is published\n\n",
+        );
+    }
     if info.proposals.is_empty() {
         text.push_str("no proposal is open\n");
     }

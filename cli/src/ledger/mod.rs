@@ -76,7 +76,7 @@ pub enum LedgerCommand {
     /// log, and auditors will notice. So name the newest checkpoint that anybody has; the backup must contain all that it covers. The exit
     /// code is 5 if an update or a proof is missing that the open round has accepted.
     Restore(Restore),
-    /// Delete blobs that audits of the chosen depth do not need, and free their disk. Says before what is deleted and what nobody can audit
+    /// Delete blobs that audits of the chosen depth do not need, and free their disk. States before what is deleted and what nobody can audit
     /// afterwards. Kept is whatever the open round, the next one, an open vote or a dispute needs.
     #[cfg(feature = "full")]
     Prune(prune::Prune),
@@ -367,7 +367,7 @@ fn check(dir: &Path) -> bool {
         if found.is_whole() {
             "WHOLE        proofs were not checked; `zk0 audit replay` checks them"
         } else {
-            "DAMAGED      the lines above say what is damaged"
+            "DAMAGED      the lines above state what is damaged"
         }
     );
     found.is_whole()

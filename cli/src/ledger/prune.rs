@@ -32,7 +32,7 @@ pub struct Prune {
     /// The aggregator's --checkpoint-interval, if it writes policy folders: keep the weights of the folder that was due last.
     #[arg(long, value_name = "N", requires = "weights_too", value_parser = clap::value_parser!(u64).range(1..))]
     checkpoint_interval: Option<u64>,
-    /// Only say what would be deleted.
+    /// Only state what would be deleted.
     #[arg(long)]
     dry_run: bool,
     /// Delete more than 10 files that no entry names. Perhaps they are another network's.
@@ -77,7 +77,7 @@ pub fn prune(options: &Prune) -> Result<()> {
     )?;
     let Some(key) = options.key.as_ref().filter(|_| !options.dry_run) else {
         let kept = options.store.blobs_beside_writer(&options.dir)?;
-        say(&PrunePlan::look(&options.dir, &kept, &keep, now_ms)?);
+        tell(&PrunePlan::look(&options.dir, &kept, &keep, now_ms)?);
         println!("dry run      nothing was deleted");
         return Ok(());
     };
@@ -85,7 +85,7 @@ pub fn prune(options: &Prune) -> Result<()> {
     // Meanwhile no aggregator can open the ledger.
     let ledger = Ledger::open_with(&options.dir, None, keys::read(key)?, kept, &mut ())?;
     let plan = PrunePlan::of(&ledger, &keep, now_ms)?;
-    say(&plan);
+    tell(&plan);
     let (unnamed, size) = plan.unnamed();
     if unnamed > MOST_UNNAMED && !options.yes {
         bail!(
@@ -98,7 +98,7 @@ pub fn prune(options: &Prune) -> Result<()> {
     Ok(())
 }
 
-fn say(plan: &PrunePlan) {
+fn tell(plan: &PrunePlan) {
     println!("closed       {}", counted(plan.closed, "round", "rounds"));
     match plan.longer {
         Some(Longer::Disputable(round)) => println!(

@@ -49,7 +49,7 @@ pub fn serve_metrics(
 ) -> impl Future<Output = ()> + Send + 'static {
     tracing::info!(metrics = %address, "the metrics are at http://{address}/metrics");
     if !address.ip().is_loopback() {
-        tracing::warn!("whoever reaches {address} can read the metrics, which say how busy and how full this machine is");
+        tracing::warn!("whoever reaches {address} can read the metrics, which state how busy and how full this machine is");
     }
     let router = endpoint::router(service);
     http::serve(listener, router, HttpLimits::default(), future::pending())

@@ -22,7 +22,7 @@ pub struct EstimateOptions {
     /// The size of the policy: micro, tiny or full (the published size); or a network's policy file.
     #[arg(long, default_value = "micro")]
     model: String,
-    /// How the evaluation is proven, as the network's genesis says: direct, which sends samples to the proving service, or succinct, which
+    /// How the evaluation is proven, as the network's genesis states: direct, which sends samples to the proving service, or succinct, which
     /// does not. In mode succinct this makes arguments about two and three samples, which takes minutes and gigabytes at the published size.
     #[arg(long, default_value = "direct")]
     mode: Mode,

@@ -32,7 +32,7 @@ pub struct Join {
     /// the same.
     #[arg(long, default_value = "cpu", value_parser = device_name)]
     device: String,
-    /// Train for this many optimiser steps in each round. Where the network's rules ask for SCAFFOLD, they say the steps and the learning
+    /// Train for this many optimiser steps in each round. Where the network's rules ask for SCAFFOLD, they state the steps and the learning
     /// rate, and --fedprox-mu, --fedcm-alpha, --follow-losses and --lr-boost have to be off.
     #[arg(long, default_value_t = 600, value_parser = clap::value_parser!(u64).range(1..=1_000_000_000))]
     steps: u64,

@@ -26,7 +26,7 @@ pub enum NodeCommand {
         /// The file of the key.
         file: PathBuf,
     },
-    /// Say what a claim will cost on this machine, before you spend anything: guest cycles, memory, time.
+    /// State what a claim will cost on this machine, before you spend anything: guest cycles, memory, time.
     Estimate(EstimateOptions),
     /// Leave a network. The node is not invited any more, and no round waits for it. What it has contributed stays. To come back, it has to be
     /// enrolled again.

@@ -61,7 +61,8 @@ impl Hub {
         }
         // A missing token is named before minutes are spent.
         let target = target(to, self.private)?;
-        let folder = tempfile::tempdir().context("a folder for the policy (TMPDIR says where)")?;
+        let folder =
+            tempfile::tempdir().context("a folder for the policy (TMPDIR states where)")?;
         self.write(folder.path())?;
         let published = publish(&target, folder.path(), &summary(round))?;
         let endpoint = &target.endpoint;
@@ -111,7 +112,7 @@ pub fn facts(dir: &Path, network: Option<&Digest>, round: u64) -> Result<(Genesi
     let mut faults = faults.filter(|finding| finding.severity == Severity::Fault);
     if let Some(fault) = faults.next() {
         bail!(
-            "{} is not published, because its entries do not hold: {}; `zk0 audit replay` says more",
+            "{} is not published, because its entries do not hold: {}; `zk0 audit replay` states more",
             dir.display(),
             fault.text
         );

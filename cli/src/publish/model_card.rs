@@ -10,7 +10,7 @@ use zk0_files::atomic_file;
 use zk0_hub::Repository;
 use zk0_lerobot::policy_folder::PolicyFolder;
 
-/// What the card says besides what the ledger says.
+/// What the card states besides what the ledger states.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub struct CardOptions {
     /// The licence of the published policy, by the Hub's identifier, such as apache-2.0. Without it, the model card names none.

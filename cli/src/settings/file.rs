@@ -45,7 +45,7 @@ impl SettingsFile {
     }
 
     /// An error about a setting.
-    pub fn says(&self, setting: &FileSetting, why: &str) -> String {
+    pub fn reports(&self, setting: &FileSetting, why: &str) -> String {
         let FileSetting { key, line, .. } = setting;
         format!("{}, line {line}: {key}: {why}", self.name())
     }

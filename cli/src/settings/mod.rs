@@ -119,8 +119,10 @@ fn probe(command: &Command) -> Command {
 
 /// Removes a variable that turns the switch off: clap would count the switch as given, and ask for what it needs.
 fn without_false(arg: Arg) -> Arg {
-    let said = arg.get_env().and_then(env::var_os);
-    if same(arg.get_action(), &ArgAction::SetTrue) && said.is_some_and(|said| said == "false") {
+    let reported = arg.get_env().and_then(env::var_os);
+    if same(arg.get_action(), &ArgAction::SetTrue)
+        && reported.is_some_and(|reported| reported == "false")
+    {
         arg.env(None::<&'static str>)
     } else {
         arg
@@ -143,18 +145,19 @@ fn from_variables(command: &Command, matches: &ArgMatches) -> Vec<FromVariable> 
     let (Some(service), Some(given)) = (service, given(matches, names)) else {
         return Vec::new();
     };
-    let said = service.get_arguments().filter(|arg| {
+    let reported = service.get_arguments().filter(|arg| {
         // No file has `--config`, but a variable may.
         (is_setting(arg) || arg.get_id() == CONFIG) && !is_flag_given(arg, given)
     });
-    said.filter_map(|arg| {
-        let name = arg.get_env().filter(|name| env::var_os(name).is_some())?;
-        Some(FromVariable {
-            name: name.to_string_lossy().into_owned(),
-            shown: arg.to_string(),
+    reported
+        .filter_map(|arg| {
+            let name = arg.get_env().filter(|name| env::var_os(name).is_some())?;
+            Some(FromVariable {
+                name: name.to_string_lossy().into_owned(),
+                shown: arg.to_string(),
+            })
         })
-    })
-    .collect()
+        .collect()
 }
 
 fn given<'a>(matches: &'a ArgMatches, [group, name]: [&str; 2]) -> Option<&'a ArgMatches> {
@@ -219,13 +222,13 @@ fn from_file(
                 "`zk0 {group} {name}` has no such setting; it has {}",
                 known.join(", ")
             );
-            let why = file.says(&setting, &why);
+            let why = file.reports(&setting, &why);
             return wrong(service, why);
         };
         let arguments = match arguments_of(arg, &setting) {
             Ok(arguments) => arguments,
             Err(why) => {
-                let why = file.says(&setting, why);
+                let why = file.reports(&setting, why);
                 return wrong(service, why);
             }
         };
@@ -277,7 +280,7 @@ fn is_flag_given(arg: &Arg, matches: &ArgMatches) -> bool {
 }
 
 fn arguments_of(arg: &Arg, setting: &FileSetting) -> Result<Vec<OsString>, &'static str> {
-    let said = |value: String| match arg.get_long() {
+    let reported = |value: String| match arg.get_long() {
         Some(long) => format!("--{long}={value}").into(),
         None => value.into(),
     };
@@ -287,8 +290,8 @@ fn arguments_of(arg: &Arg, setting: &FileSetting) -> Result<Vec<OsString>, &'sta
         } else {
             Vec::new()
         }),
-        ArgAction::Append => Ok(setting.list()?.into_iter().map(said).collect()),
-        _ => Ok(vec![said(setting.value()?)]),
+        ArgAction::Append => Ok(setting.list()?.into_iter().map(reported).collect()),
+        _ => Ok(vec![reported(setting.value()?)]),
     }
 }
 

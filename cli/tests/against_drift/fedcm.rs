@@ -83,8 +83,11 @@ fn a_node_follows_the_last_global_step_that_the_ledger_shows() {
     network.found_with_short_rounds();
     let alpha = ALPHA.to_string();
     let follow = [&TRAINING[..], &["--fedcm-alpha", &alpha]].concat();
-    let said = network.joins(1, &follow);
-    assert!(said.contains("it is the first, so FedCM has no"), "{said}");
+    let reported = network.joins(1, &follow);
+    assert!(
+        reported.contains("it is the first, so FedCM has no"),
+        "{reported}"
+    );
     let file = network.policy();
     let initial = network.genesis().initial;
     assert!(update(&network, 0) == trained(&network, &file, 0, &initial, None));
@@ -108,8 +111,11 @@ fn a_node_follows_the_last_global_step_that_the_ledger_shows() {
     assert!(expected != trained(&network, &file, next, &result, None));
 
     // That round is refused, so it keeps its base.
-    let said = network.joins(1, &follow);
-    assert!(said.contains("the round before kept its base"), "{said}");
+    let reported = network.joins(1, &follow);
+    assert!(
+        reported.contains("the round before kept its base"),
+        "{reported}"
+    );
     let expected = trained(&network, &file, next + 1, &result, None);
     assert!(update(&network, next + 1) == expected);
 }
@@ -122,10 +128,10 @@ fn an_alpha_that_makes_no_sense_is_named() {
         let alpha = format!("--fedcm-alpha={alpha}");
         let output = network.join(1, &[&alpha]);
         assert_eq!(output.status.code(), Some(2));
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        let reported = String::from_utf8_lossy(&output.stderr).into_owned();
         assert!(
-            said.contains("--fedcm-alpha <ALPHA>") && said.contains("above 0"),
-            "{said}"
+            reported.contains("--fedcm-alpha <ALPHA>") && reported.contains("above 0"),
+            "{reported}"
         );
     }
 }

@@ -38,7 +38,7 @@ const RULE: Scaffold = Scaffold {
     restart_rounds: 1000,
 };
 
-/// The node would train otherwise if the rules did not say how.
+/// The node would train otherwise if the rules did not state how.
 const TRAINING: [&str; 4] = ["--batch-size", "16", "--steps", "7"];
 
 /// Founds a network of two nodes that train by this rule, with one governor whose votes are over at once.
@@ -242,9 +242,9 @@ fn last_committed(network: &LocalNetwork) -> WeightsDigest {
 fn a_node_computes_its_control_variates_from_the_ledger() {
     let network = LocalNetwork::new();
     found(&network, RULE);
-    let said = network.joins(1, &TRAINING);
+    let reported = network.joins(1, &TRAINING);
     let asked = "the rules ask for SCAFFOLD with 150 steps of SGD at 0.05, so --steps and --learning-rate do not count";
-    assert!(said.contains(asked), "{said}");
+    assert!(reported.contains(asked), "{reported}");
     let file = network.policy();
     let initial = network.genesis().initial;
     let none = variates(&network, &file, &[]);
@@ -289,11 +289,11 @@ fn a_node_computes_its_control_variates_from_the_ledger() {
     bytes[exponent] ^= 0x40;
     fs::write(&kept, bytes).unwrap();
     for (round, again) in [(round + 1, true), (round + 2, false)] {
-        let said = network.joins(1, &TRAINING);
+        let reported = network.joins(1, &TRAINING);
         assert_eq!(
-            said.contains("computes it again from the ledger"),
+            reported.contains("computes it again from the ledger"),
             again,
-            "{said}"
+            "{reported}"
         );
         assert!(update(&network, round) == trained(&network, &file, round, &result, &after));
         fs::remove_file(&kept).unwrap();
@@ -302,13 +302,16 @@ fn a_node_computes_its_control_variates_from_the_ledger() {
     // Without its own update the node cannot compute them, and leaves the round out.
     let blobs = Blobs::at(Path::new(&network.path("ledger")));
     fs::remove_file(blobs.path(&third.blob)).unwrap();
-    let said = network.joins(1, &TRAINING);
+    let reported = network.joins(1, &TRAINING);
     let why = format!("the weights {} cannot be downloaded", third.blob);
     assert!(
-        said.contains("the node leaves the round out") && said.contains(&why),
-        "{said}"
+        reported.contains("the node leaves the round out") && reported.contains(&why),
+        "{reported}"
     );
-    assert!(said.contains("begin again, in round 1000"), "{said}");
+    assert!(
+        reported.contains("begin again, in round 1000"),
+        "{reported}"
+    );
 }
 
 #[test]
@@ -324,10 +327,10 @@ fn control_variates_begin_again_when_the_rules_say_so() {
     let own = last_committed(&network);
     let result = made_up(&network, &file, 1);
     let round = accept(&network, &[(NODE, own)], result) + 1;
-    let said = network.joins(1, &TRAINING);
+    let reported = network.joins(1, &TRAINING);
     assert!(
-        said.contains("the control variates rest on 0 rounds"),
-        "{said}"
+        reported.contains("the control variates rest on 0 rounds"),
+        "{reported}"
     );
     let none = variates(&network, &file, &[]);
     assert!(update(&network, round) == trained(&network, &file, round, &result, &none));
@@ -345,11 +348,11 @@ fn control_variates_begin_again_after_restored_weights_and_with_other_rules() {
     let result = made_up(&network, &file, 1);
     let round = accept(&network, &[(NODE, own)], result) + 1;
     decide(&network, Action::RestoreWeights { round: 0 });
-    let said = network.joins(1, &TRAINING);
+    let reported = network.joins(1, &TRAINING);
     let none = variates(&network, &file, &[]);
     assert!(
-        said.contains("the control variates rest on 0 rounds"),
-        "{said}"
+        reported.contains("the control variates rest on 0 rounds"),
+        "{reported}"
     );
     assert!(update(&network, round) == trained(&network, &file, round, &initial, &none));
 
@@ -361,11 +364,11 @@ fn control_variates_begin_again_after_restored_weights_and_with_other_rules() {
         ..RULE
     });
     decide(&network, Action::ChangeRules(Box::new(rules)));
-    let said = network.joins(1, &TRAINING);
-    assert!(said.contains("150 steps of SGD at 0.06"), "{said}");
+    let reported = network.joins(1, &TRAINING);
+    assert!(reported.contains("150 steps of SGD at 0.06"), "{reported}");
     assert!(
-        said.contains("the control variates rest on 0 rounds"),
-        "{said}"
+        reported.contains("the control variates rest on 0 rounds"),
+        "{reported}"
     );
 }
 
@@ -381,9 +384,9 @@ fn options_that_would_change_the_steps_end_the_node() {
     ] {
         let output = network.join(1, &[&format!("{option}{value}")]);
         assert_eq!(output.status.code(), Some(1));
-        let said = logged(&output);
+        let reported = logged(&output);
         let why =
             format!("ask for SCAFFOLD, which does not go with {option}: start the node without it");
-        assert!(said.contains(&why), "{said}");
+        assert!(reported.contains(&why), "{reported}");
     }
 }

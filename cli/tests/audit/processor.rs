@@ -13,13 +13,13 @@ fn a_processor_without_avx2_is_named_with_the_remedy() {
         );
         return;
     };
-    let said = logged(&output);
+    let reported = logged(&output);
     match cfg!(target_feature = "avx2") {
         true => {
-            assert_eq!(output.status.code(), Some(4), "{said}");
-            assert!(said.contains("-C target-cpu=x86-64"), "{said}");
-            assert_eq!(said.lines().count(), 1, "{said}");
+            assert_eq!(output.status.code(), Some(4), "{reported}");
+            assert!(reported.contains("-C target-cpu=x86-64"), "{reported}");
+            assert_eq!(reported.lines().count(), 1, "{reported}");
         }
-        false => assert!(printed(&output).starts_with("zk0 "), "{said}"),
+        false => assert!(printed(&output).starts_with("zk0 "), "{reported}"),
     }
 }

@@ -57,12 +57,12 @@ fn a_light_audit_fetches_no_weights_and_says_what_it_left_out() {
         json(3, &["audit", "replay", LEDGER, "--light", "--json"]),
         light
     );
-    let (said, _) = ends(3, &["audit", "replay", LEDGER, "--light"]);
+    let (reported, _) = ends(3, &["audit", "replay", LEDGER, "--light"]);
     assert!(
-        said.contains("INCOMPLETE   light audit: weights not verified"),
-        "{said}"
+        reported.contains("INCOMPLETE   light audit: weights not verified"),
+        "{reported}"
     );
-    assert!(said.contains("this audit is light"), "{said}");
+    assert!(reported.contains("this audit is light"), "{reported}");
     let folder = ends(2, &["audit", "replay", LEDGER, "--mirror", text(&kept)]).1;
     assert!(folder.contains("--mirror is for an export"), "{folder}");
 }
@@ -72,8 +72,8 @@ fn each_verdict_has_an_exit_code_of_its_own() {
     let scratch = tempfile::tempdir().unwrap();
     let place = |name: &str| scratch.path().join(name);
     let verdict = |code, ledger: &Path, words: &str| {
-        let (said, _) = ends(code, &["audit", "replay", text(ledger)]);
-        assert!(said.contains(words), "{said}");
+        let (reported, _) = ends(code, &["audit", "replay", text(ledger)]);
+        assert!(reported.contains(words), "{reported}");
     };
     verdict(0, Path::new(LEDGER), "VERIFIED");
     let without = |name: &str, wanted: fn(&Body) -> Option<Digest>| {
@@ -147,8 +147,8 @@ fn the_auditors_own_disk_is_not_taken_for_the_ledger() {
     assert!(log.contains("is damaged, and is fetched again"), "{log}");
     assert_eq!(fs::read(&blob).unwrap(), whole);
     fs::write(&blob, b"changed").unwrap();
-    let said = look(0, &out, &place("state"), &["--mirror", text(&mirror)]);
-    assert!(said.contains("verified"), "{said}");
+    let reported = look(0, &out, &place("state"), &["--mirror", text(&mirror)]);
+    assert!(reported.contains("verified"), "{reported}");
     assert_eq!(fs::read(&blob).unwrap(), whole);
     // A file of the ledger cannot be read.
     let ledger = place("ledger");
@@ -166,8 +166,8 @@ fn the_auditors_own_disk_is_not_taken_for_the_ledger() {
     let (_, error) = ends(1, &["audit", "show", text(&ledger)]);
     assert!(error.contains("cannot be read to its end"), "{error}");
     let watch = ["audit", "watch", text(&ledger), "--looks", "1"];
-    let (said, error) = ends(4, &watch);
-    assert!(!said.contains("ALARM"), "{said}");
+    let (reported, error) = ends(4, &watch);
+    assert!(!reported.contains("ALARM"), "{reported}");
     assert!(error.contains("there is no verdict"), "{error}");
     // An import was killed before it wrote an entry.
     let begun = place("begun");
@@ -213,15 +213,16 @@ fn an_audit_with_a_state_file_reads_what_is_new_and_ends_the_same() {
     // An older copy is behind, and there is no verdict. When its time is over, the log was rolled back. Another history is a fork at once. The state
     // file stays the same.
     let older = ["audit", "replay", text(&older), "--state", text(&state)];
-    let (said, why) = ends(4, &older);
+    let (reported, why) = ends(4, &older);
     assert!(
-        said.is_empty() && why.contains("the log is behind: it shows 17 entries, and 27 were seen"),
-        "{said}{why}"
+        reported.is_empty()
+            && why.contains("the log is behind: it shows 17 entries, and 27 were seen"),
+        "{reported}{why}"
     );
-    let (said, _) = ends(1, &[&older[..], &["--behind-for", "0"]].concat());
+    let (reported, _) = ends(1, &[&older[..], &["--behind-for", "0"]].concat());
     assert!(
-        said.contains("ROLLED BACK") && said.contains("FAILED"),
-        "{said}"
+        reported.contains("ROLLED BACK") && reported.contains("FAILED"),
+        "{reported}"
     );
     let options = ["--state", text(&state)];
     let replay = |ledger: &Path| {
@@ -235,23 +236,23 @@ fn an_audit_with_a_state_file_reads_what_is_new_and_ends_the_same() {
     let mut made = Made::found(&fork, 0x0c);
     (0..3).for_each(|_| made.round());
     drop(made.ledger);
-    let said = replay(&fork);
-    assert!(said.contains("FORKED"), "{said}");
+    let reported = replay(&fork);
+    assert!(reported.contains("FORKED"), "{reported}");
     let stranger = scratch.path().join("stranger");
     drop(Made::found_with(&stranger, 0, [10; 32], String::new()).ledger);
     // The ledger of another network is no continuation, and no verdict is due.
     let kept = fs::read(&state).unwrap();
-    let (said, why) = ends(
+    let (reported, why) = ends(
         2,
         &["audit", "replay", text(&stranger), "--state", text(&state)],
     );
     assert!(
-        said.is_empty() && why.contains("Name another state file"),
-        "{said}{why}"
+        reported.is_empty() && why.contains("Name another state file"),
+        "{reported}{why}"
     );
     assert_eq!(fs::read(&state).unwrap(), kept);
-    // A state file of another kind of audit, or a damaged one, cannot be used. The audit starts again and says so.
-    let (said, log) = ends(
+    // A state file of another kind of audit, or a damaged one, cannot be used. The audit starts again and states it.
+    let (reported, log) = ends(
         3,
         &[
             "audit",
@@ -266,12 +267,12 @@ fn an_audit_with_a_state_file_reads_what_is_new_and_ends_the_same() {
         log.contains("the state file is from a full audit, and this audit is light"),
         "{log}"
     );
-    assert!(said.contains("INCOMPLETE"), "{said}");
+    assert!(reported.contains("INCOMPLETE"), "{reported}");
     let mut bytes = fs::read(&state).unwrap();
     let middle = bytes.len() / 2;
     bytes[middle] ^= 1;
     fs::write(&state, bytes).unwrap();
-    let (said, log) = ends(3, &["audit", "replay", text(&dir), "--state", text(&state)]);
+    let (reported, log) = ends(3, &["audit", "replay", text(&dir), "--state", text(&state)]);
     assert!(log.contains("it is damaged"), "{log}");
-    assert!(said.contains("entries      27"), "{said}");
+    assert!(reported.contains("entries      27"), "{reported}");
 }

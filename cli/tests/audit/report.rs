@@ -127,11 +127,11 @@ fn a_page_that_cannot_be_written_does_not_hide_the_verdict() {
     // A folder lies where the data of the page go.
     fs::create_dir(place("page.json")).unwrap();
     let replay = ["audit", "replay", text(&dir), "--html", text(&page)];
-    let (said, why) = ends(4, &replay);
-    assert!(said.contains("INCOMPLETE"), "{said}{why}");
+    let (reported, why) = ends(4, &replay);
+    assert!(reported.contains("INCOMPLETE"), "{reported}{why}");
     assert!(why.contains("writing ") && !why.contains("FAILED"), "{why}");
     fs::copy(folder::checkpoint(&stranger), folder::checkpoint(&dir)).unwrap();
-    let (said, why) = ends(1, &replay);
-    assert!(said.contains("FAILED"), "{said}{why}");
+    let (reported, why) = ends(1, &replay);
+    assert!(reported.contains("FAILED"), "{reported}{why}");
     assert!(why.contains("error: the verdict is FAILED, but"), "{why}");
 }

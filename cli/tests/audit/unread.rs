@@ -25,8 +25,8 @@ fn a_command_whose_reader_has_left_says_nothing_and_keeps_its_exit_code() {
         let code = zk0(arguments).output().unwrap().status.code();
         let output = unread(arguments);
         assert_eq!(output.status.code(), code, "{arguments:?}: {output:?}");
-        let said = logged(&output);
-        assert!(!said.contains("panicked"), "{arguments:?}: {said}");
+        let reported = logged(&output);
+        assert!(!reported.contains("panicked"), "{arguments:?}: {reported}");
     }
 }
 
@@ -35,10 +35,10 @@ fn a_watch_that_nobody_hears_ends_with_an_error() {
     let watch = ["audit", "watch", LEDGER, "--interval", "1"];
     let output = unread(&watch);
     assert_eq!(output.status.code(), Some(4), "{output:?}");
-    let said = logged(&output);
+    let reported = logged(&output);
     assert!(
-        said.contains("cannot be written to standard output"),
-        "{said}"
+        reported.contains("cannot be written to standard output"),
+        "{reported}"
     );
 }
 
@@ -57,11 +57,15 @@ fn a_command_whose_output_finds_the_disk_full_says_so_and_fails() {
         (4, &["audit", "replay", LEDGER, "--light"][..]),
     ] {
         let output = zk0(arguments).stdout(full()).output().unwrap();
-        let said = logged(&output);
-        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {said}");
+        let reported = logged(&output);
+        assert_eq!(
+            output.status.code(),
+            Some(code),
+            "{arguments:?}: {reported}"
+        );
         assert!(
-            said.contains("error: writing to standard output: No space left"),
-            "{arguments:?}: {said}"
+            reported.contains("error: writing to standard output: No space left"),
+            "{arguments:?}: {reported}"
         );
     }
     // Where the log finds it full, nobody can be told, but the exit code is that of the error.

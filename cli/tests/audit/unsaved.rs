@@ -23,14 +23,17 @@ fn an_audit_whose_state_cannot_be_saved_says_so_and_does_not_pass() {
     let (dir, state) = (scratch.path().join("ledger"), unwritable(scratch.path()));
     drop(Made::found(&dir, 0).ledger);
     let replay = ["audit", "replay", text(&dir), "--state", text(&state)];
-    let (said, why) = ends(4, &replay);
-    assert!(said.contains("INCOMPLETE"), "the report is there: {said}");
-    assert!(said.contains("cannot be saved"), "{said}");
+    let (reported, why) = ends(4, &replay);
+    assert!(
+        reported.contains("INCOMPLETE"),
+        "the report is there: {reported}"
+    );
+    assert!(reported.contains("cannot be saved"), "{reported}");
     assert!(why.contains("name another file with --state"), "{why}");
     let watch = ["audit", "watch", text(&dir), "--state", text(&state)];
     let once = ["--looks", "1", "--interval", "1"];
-    let (said, why) = ends(4, &[&watch[..], &once].concat());
-    assert!(said.contains("incomplete   7 entries"), "{said}");
+    let (reported, why) = ends(4, &[&watch[..], &once].concat());
+    assert!(reported.contains("incomplete   7 entries"), "{reported}");
     assert!(
         why.contains("gave no verdict") && why.contains("cannot be saved"),
         "{why}"
@@ -43,8 +46,11 @@ fn an_audit_whose_state_cannot_be_saved_says_so_and_does_not_pass() {
     ] {
         for command in ["replay", "watch"] {
             let begin = ["audit", command, text(&dir), "--state", text(state)];
-            let (said, why) = ends(2, &begin);
-            assert!(said.is_empty() && why.contains(words), "{said}{why}");
+            let (reported, why) = ends(2, &begin);
+            assert!(
+                reported.is_empty() && why.contains(words),
+                "{reported}{why}"
+            );
         }
     }
 }

@@ -1,4 +1,4 @@
-//! What the auditor mistypes is an error that says so. It is no fault of the ledger.
+//! What the auditor mistypes is an error that states it. It is no fault of the ledger.
 
 use super::{ends, export};
 use crate::harness::made_ledger::Made;
@@ -40,9 +40,12 @@ fn what_the_auditor_mistypes_gets_no_verdict() {
             ),
         ] {
             let arguments = [&["audit", "replay", ledger][..], options].concat();
-            let (said, log) = ends(2, &arguments);
+            let (reported, log) = ends(2, &arguments);
             assert!(log.contains(why), "{arguments:?}: {log}");
-            assert!(said.is_empty() && !log.contains("FAILED"), "{said}{log}");
+            assert!(
+                reported.is_empty() && !log.contains("FAILED"),
+                "{reported}{log}"
+            );
         }
     }
     // The auditor names the network of neither the mirror nor the log.
@@ -65,8 +68,11 @@ fn what_the_auditor_mistypes_gets_no_verdict() {
 fn a_watch_does_not_wait_for_a_folder_that_is_not_there() {
     let watch = ["audit", "watch", "there-is-no-such-folder"];
     let once = ["--looks", "1", "--interval", "1"];
-    let (said, why) = ends(4, &[&watch[..], &once].concat());
-    assert!(why.contains("is neither a directory nor"), "{said}{why}");
+    let (reported, why) = ends(4, &[&watch[..], &once].concat());
+    assert!(
+        why.contains("is neither a directory nor"),
+        "{reported}{why}"
+    );
     assert!(!why.contains("is repeated"), "{why}");
 }
 
@@ -108,13 +114,13 @@ fn a_page_for_browsers_is_no_log_but_a_checkpoint_of_another_log_is_a_fault() {
         page.len()
     );
     let address = answers((head + page).into_bytes());
-    let (said, why) = ends(4, &["audit", "replay", &address]);
+    let (reported, why) = ends(4, &["audit", "replay", &address]);
     assert!(why.contains("this is not a signed note"), "{why}");
-    assert!(said.is_empty(), "{said}");
+    assert!(reported.is_empty(), "{reported}");
     let once = ["--looks", "1", "--interval", "1"];
-    let (said, _) = ends(4, &[&["audit", "watch", &address][..], &once].concat());
-    assert!(said.is_empty(), "{said}");
-    // A signed note with another name or signature says that somebody has changed the log.
+    let (reported, _) = ends(4, &[&["audit", "watch", &address][..], &once].concat());
+    assert!(reported.is_empty(), "{reported}");
+    // A signed note with another name or signature states that somebody has changed the log.
     let scratch = tempfile::tempdir().unwrap();
     let (dir, out) = (scratch.path().join("ledger"), scratch.path().join("out"));
     drop(Made::found(&dir, 0).ledger);
@@ -130,8 +136,8 @@ fn a_page_for_browsers_is_no_log_but_a_checkpoint_of_another_log_is_a_fault() {
         fs::write(out.join("checkpoint"), forged).unwrap();
         ends(1, &["audit", "replay", text(&out)]);
         let watch = ["audit", "watch", text(&out)];
-        let (said, _) = ends(1, &[&watch[..], &once].concat());
-        assert!(said.contains("ALARM"), "{said}");
+        let (reported, _) = ends(1, &[&watch[..], &once].concat());
+        assert!(reported.contains("ALARM"), "{reported}");
     }
 }
 
@@ -153,13 +159,16 @@ fn what_cannot_be_read_gets_no_verdict_on_proofs_and_recordings() {
     verify(4, &missing, &["--log-key", key.trim()]);
     verify(2, &garbage, &["--log-key", witness.trim()]);
     verify(2, &garbage, &["--witness-policy", text(&missing)]);
-    let (said, _) = verify(1, &garbage, &["--log-key", key.trim()]);
-    assert!(said.contains("FAILED"), "{said}");
+    let (reported, _) = verify(1, &garbage, &["--log-key", key.trim()]);
+    assert!(reported.contains("FAILED"), "{reported}");
     let recording = |code, ledger: &str, secret: &Path, words: &str| {
         let begin = ["audit", "recording", ledger, "--entry", "0"];
         let more = ["--recording", RECORDING, "--secret", text(secret)];
-        let (said, why) = ends(code, &[&begin[..], &more].concat());
-        assert!(said.is_empty() && why.contains(words), "{said}{why}");
+        let (reported, why) = ends(code, &[&begin[..], &more].concat());
+        assert!(
+            reported.is_empty() && why.contains(words),
+            "{reported}{why}"
+        );
     };
     recording(4, text(&missing), &secret, "is neither a directory nor");
     recording(2, LEDGER, &missing, "--secret");

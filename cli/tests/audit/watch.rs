@@ -20,33 +20,36 @@ fn a_watch_tells_what_is_new_and_remembers_what_it_saw() {
         out
     };
     let first = export_as("first");
-    let said = look(0, &first, &state, &[]);
-    assert!(said.contains("incomplete   17 entries"), "{said}");
+    let reported = look(0, &first, &state, &[]);
+    assert!(reported.contains("incomplete   17 entries"), "{reported}");
     assert_eq!(look(0, &first, &state, &[]), "", "nothing is new");
     made.round();
     drop(made.ledger);
     let second = export_as("second");
-    let said = look(0, &second, &state, &[]);
-    assert_eq!(said.lines().count(), 10, "{said}");
-    assert!(said.contains("round 1 closed"), "{said}");
+    let reported = look(0, &second, &state, &[]);
+    assert_eq!(reported.lines().count(), 10, "{reported}");
+    assert!(reported.contains("round 1 closed"), "{reported}");
     // The watch reads the ledger's own folder with the same state file.
     assert_eq!(look(0, &dir, &state, &[]), "");
     // A log that shows less is behind, which is no verdict.
     let kept = fs::read(&state).unwrap();
-    let said = look(4, &first, &state, &[]);
-    assert!(said.starts_with("behind       the log is behind"), "{said}");
-    let said = look(4, &first, &state, &["--json"]);
-    let behind: serde_json::Value = serde_json::from_str(&said).unwrap();
+    let reported = look(4, &first, &state, &[]);
+    assert!(
+        reported.starts_with("behind       the log is behind"),
+        "{reported}"
+    );
+    let reported = look(4, &first, &state, &["--json"]);
+    let behind: serde_json::Value = serde_json::from_str(&reported).unwrap();
     assert_eq!(behind["event"], "behind");
     // One that stays behind, another history and damage raise an alarm, and the state file stays the same.
     let over = ["--behind-for", "0"];
-    let said = look(1, &first, &state, &over);
+    let reported = look(1, &first, &state, &over);
     assert!(
-        said.contains("ALARM") && said.contains("ROLLED BACK"),
-        "{said}"
+        reported.contains("ALARM") && reported.contains("ROLLED BACK"),
+        "{reported}"
     );
-    let said = look(1, &first, &state, &["--json", "--behind-for", "0"]);
-    let alarm: serde_json::Value = serde_json::from_str(&said).unwrap();
+    let reported = look(1, &first, &state, &["--json", "--behind-for", "0"]);
+    let alarm: serde_json::Value = serde_json::from_str(&reported).unwrap();
     assert_eq!(alarm["event"], "alarm");
     let fault = alarm["text"].as_str().unwrap();
     assert!(fault.starts_with("ROLLED BACK"), "{fault}");
@@ -55,8 +58,11 @@ fn a_watch_tells_what_is_new_and_remembers_what_it_saw() {
     (0..3).for_each(|_| made.round());
     drop(made.ledger);
     export(&forked, &fork);
-    let said = look(1, &fork, &state, &[]);
-    assert!(said.contains("ALARM") && said.contains("FORKED"), "{said}");
+    let reported = look(1, &fork, &state, &[]);
+    assert!(
+        reported.contains("ALARM") && reported.contains("FORKED"),
+        "{reported}"
+    );
     assert_eq!(fs::read(&state).unwrap(), kept);
     // A light watch checks everything again. What the full one saw has to stay all the same.
     let stranger = place("stranger");
@@ -66,8 +72,11 @@ fn a_watch_tells_what_is_new_and_remembers_what_it_saw() {
         (&fork, "FORKED"),
         (&stranger, "is of network"),
     ] {
-        let said = look(1, log, &state, &["--light", "--behind-for", "0"]);
-        assert!(said.contains("ALARM") && said.contains(words), "{said}");
+        let reported = look(1, log, &state, &["--light", "--behind-for", "0"]);
+        assert!(
+            reported.contains("ALARM") && reported.contains(words),
+            "{reported}"
+        );
         assert_eq!(fs::read(&state).unwrap(), kept);
     }
     assert_eq!(look(0, &second, &state, &["--light"]), "");
@@ -76,17 +85,20 @@ fn a_watch_tells_what_is_new_and_remembers_what_it_saw() {
     let blobs = export_as("false-proof").join("blobs/sha256");
     let proof = fs::read_dir(blobs).unwrap().next().unwrap().unwrap();
     fs::write(proof.path(), b"another proof").unwrap();
-    let said = look(1, &place("false-proof"), &place("new"), &[]);
-    assert!(said.contains("ALARM") && said.contains("SHA-256"), "{said}");
+    let reported = look(1, &place("false-proof"), &place("new"), &[]);
+    assert!(
+        reported.contains("ALARM") && reported.contains("SHA-256"),
+        "{reported}"
+    );
     // A mirror that is kept knows what the log has signed without the state file.
     let (mirror, other) = (place("mirror"), place("other"));
     look(0, &second, &other, &["--mirror", text(&mirror)]);
     fs::remove_file(&other).unwrap();
     let kept_mirror = ["--mirror", text(&mirror)];
-    let said = look(4, &first, &other, &kept_mirror);
-    assert!(said.contains("the log is behind"), "{said}");
-    let said = look(1, &first, &other, &[&kept_mirror[..], &over].concat());
-    assert!(said.contains("ROLLED BACK"), "{said}");
+    let reported = look(4, &first, &other, &kept_mirror);
+    assert!(reported.contains("the log is behind"), "{reported}");
+    let reported = look(1, &first, &other, &[&kept_mirror[..], &over].concat());
+    assert!(reported.contains("ROLLED BACK"), "{reported}");
     // When the state file is damaged, its owner has to decide.
     let mut damaged = kept.clone();
     damaged[100] ^= 1;
@@ -113,10 +125,10 @@ fn a_watch_tells_what_is_new_and_remembers_what_it_saw() {
         "--state",
         text(&state),
     ];
-    let (said, why) = ends(4, &arguments);
+    let (reported, why) = ends(4, &arguments);
     assert!(
-        !said.contains("ALARM") && why.contains("gave no verdict"),
-        "{said}{why}"
+        !reported.contains("ALARM") && why.contains("gave no verdict"),
+        "{reported}{why}"
     );
 }
 
@@ -125,20 +137,20 @@ fn an_alarm_has_a_line_for_each_fault() {
     let scratch = tempfile::tempdir().unwrap();
     let (dir, state) = (scratch.path().join("ledger"), scratch.path().join("state"));
     let mut made = Made::found(&dir, 0);
-    // The proofs are none, but the aggregator says that two contributions are accepted.
+    // The proofs are none, but the aggregator states that two contributions are accepted.
     made.lie = Some(RefusalCode::InvalidProof);
     made.round();
     drop(made.ledger);
-    let said = look(1, &dir, &state, &[]);
+    let reported = look(1, &dir, &state, &[]);
     // The first line is that of the first look.
-    let lines: Vec<_> = said.lines().skip(1).collect();
-    assert!(lines.len() > 1, "{said}");
+    let lines: Vec<_> = reported.lines().skip(1).collect();
+    assert!(lines.len() > 1, "{reported}");
     for line in &lines {
-        assert!(line.starts_with("ALARM        "), "{said}");
-        assert!(!line.contains("\\n"), "{said}");
+        assert!(line.starts_with("ALARM        "), "{reported}");
+        assert!(!line.contains("\\n"), "{reported}");
     }
-    let said = look(1, &dir, &scratch.path().join("other"), &["--json"]);
-    let events = said.lines().skip(1);
+    let reported = look(1, &dir, &scratch.path().join("other"), &["--json"]);
+    let events = reported.lines().skip(1);
     let texts: Vec<_> = events
         .map(|line| {
             let event: serde_json::Value = serde_json::from_str(line).unwrap();
@@ -146,6 +158,6 @@ fn an_alarm_has_a_line_for_each_fault() {
             event["text"].as_str().unwrap().to_owned()
         })
         .collect();
-    assert_eq!(texts.len(), lines.len(), "{said}");
-    assert!(!texts.concat().contains('\n'), "{said}");
+    assert_eq!(texts.len(), lines.len(), "{reported}");
+    assert!(!texts.concat().contains('\n'), "{reported}");
 }

@@ -25,15 +25,15 @@ fn a_watch_asks_for_the_witnesses_that_it_was_told() {
     ]);
     fs::write(&policy, format!("witness W {witness}quorum W\n")).unwrap();
     for log in [&out, &dir] {
-        let said = look(
+        let reported = look(
             1,
             log,
             &place("state"),
             &["--witness-policy", text(&policy)],
         );
         assert!(
-            said.contains("ALARM") && said.contains("of no witness of the policy"),
-            "{said}"
+            reported.contains("ALARM") && reported.contains("of no witness of the policy"),
+            "{reported}"
         );
     }
 }
@@ -62,16 +62,19 @@ fn the_networks_own_rules_ask_for_witnesses() {
             "{arguments:?}: {why}"
         );
     }
-    // An audit of the folder itself is possible, and the report says that it did not look at cosignatures.
-    let (said, _) = ends(3, &["audit", "replay", text(&dir)]);
-    assert!(said.contains("cosignatures were not looked at"), "{said}");
+    // An audit of the folder itself is possible, and the report states that it did not look at cosignatures.
+    let (reported, _) = ends(3, &["audit", "replay", text(&dir)]);
+    assert!(
+        reported.contains("cosignatures were not looked at"),
+        "{reported}"
+    );
     let signed = folder::read_checkpoint(&dir).unwrap().unwrap();
     let parsed = Parsed::read(&signed).unwrap();
     let cosignature = cosigner.cosign(parsed.note.text(), 1_700_000_000);
     folder::write_cosigned(&dir, &[&signed[..], &cosignature].concat()).unwrap();
     export(&dir, &out);
-    let (said, _) = ends(3, &["audit", "replay", text(&out)]);
-    assert!(!said.contains("cosignatures were not"), "{said}");
+    let (reported, _) = ends(3, &["audit", "replay", text(&out)]);
+    assert!(!reported.contains("cosignatures were not"), "{reported}");
     prints(&["ledger", "import", text(&out), text(&place("copy"))]);
     look(0, &out, &place("state"), &[]);
     // A published log without its cosignatures is refused, unless the user allows it.
@@ -87,11 +90,11 @@ fn the_networks_own_rules_ask_for_witnesses() {
             "{arguments:?}: {why}"
         );
     }
-    let said = look(1, &out, &place("state"), &[]);
+    let reported = look(1, &out, &place("state"), &[]);
     assert!(
-        said.contains("ALARM")
-            && said.contains("lacks cosignatures that the network's rules require"),
-        "{said}"
+        reported.contains("ALARM")
+            && reported.contains("lacks cosignatures that the network's rules require"),
+        "{reported}"
     );
     fs::write(place("any"), "quorum none\n").unwrap();
     let any = place("any");

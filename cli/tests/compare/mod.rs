@@ -1,4 +1,4 @@
-//! `zk0 compare`: what it measures and says, that interruptions and threads change nothing, and what it refuses.
+//! `zk0 compare`: what it measures and states, that interruptions and threads change nothing, and what it refuses.
 
 mod refused;
 mod results;

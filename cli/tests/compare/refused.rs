@@ -6,8 +6,8 @@ use zk0_testkit::recordings::{Copy, INFO};
 #[track_caller]
 fn refused(more: &[&str], why: &str) {
     let out = folder();
-    let said = fails(&compare(out.path(), &[&SMALL, more].concat()));
-    assert!(said.contains(why), "{said}");
+    let reported = fails(&compare(out.path(), &[&SMALL, more].concat()));
+    assert!(reported.contains(why), "{reported}");
 }
 
 #[test]
@@ -40,8 +40,8 @@ fn options_that_make_no_sense_are_named() {
     ] {
         let out = folder();
         let command = zk0(&compare(out.path(), &[option, value]));
-        let said = logged(&ends(2, command));
-        assert!(said.contains(why), "{said}");
+        let reported = logged(&ends(2, command));
+        assert!(reported.contains(why), "{reported}");
     }
 }
 
@@ -94,9 +94,9 @@ fn a_folder_holds_one_comparison() {
     let out = folder();
     small(out.path(), &[]);
     let again = |more: &[&str]| fails(&compare(out.path(), &[&SMALL, more].concat()));
-    let said = again(&[]);
+    let reported = again(&[]);
     let holds = format!("{} holds a comparison: add --resume", text(out.path()));
-    assert!(said.contains(&holds), "{said}");
+    assert!(reported.contains(&holds), "{reported}");
     for other in [
         ["--seed", "1"],
         ["--learning-rate", "0.1"],
@@ -108,8 +108,8 @@ fn a_folder_holds_one_comparison() {
             "--search-trials" => &["--search"][..],
             _ => &[],
         };
-        let said = again(&[&["--resume"][..], search, &other].concat());
+        let reported = again(&[&["--resume"][..], search, &other].concat());
         let why = "is a comparison with another policy, other recordings or other options";
-        assert!(said.contains(why), "{said}");
+        assert!(reported.contains(why), "{reported}");
     }
 }

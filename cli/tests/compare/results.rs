@@ -33,9 +33,9 @@ fn a_comparison_learns_and_says_that_nothing_is_proven() {
         "--unseen",
         UNSEEN,
     ];
-    let said = prints(&compare(out.path(), &more));
+    let reported = prints(&compare(out.path(), &more));
     let notice = "nothing in this comparison is proven";
-    assert_eq!(said.matches(notice).count(), 2, "{said}");
+    assert_eq!(reported.matches(notice).count(), 2, "{reported}");
     let result = comparison(out.path());
     assert_eq!(result["proven"], false);
     assert_eq!(result["confidence"], 0.95);
@@ -50,7 +50,7 @@ fn a_comparison_learns_and_says_that_nothing_is_proven() {
         assert_eq!(node["held_out_episodes"].as_array().unwrap().len(), 1);
     }
 
-    // All learn, and a node alone does worse on what the other recorded than the federation does. What is said of a difference follows from
+    // All learn, and a node alone does worse on what the other recorded than the federation does. What is stated of a difference follows from
     // its interval.
     for progress in result["progress"].as_array().unwrap() {
         let points = progress["points"].as_array().unwrap();

@@ -26,8 +26,8 @@ fn trials(out: &Path, kind: &str) -> Vec<Value> {
 #[test]
 fn a_search_chooses_on_episodes_that_the_comparison_does_not_report_on() {
     let out = folder();
-    let said = small(out.path(), &SEARCH);
-    assert!(said.contains("chosen among 7 trials"), "{said}");
+    let reported = small(out.path(), &SEARCH);
+    assert!(reported.contains("chosen among 7 trials"), "{reported}");
     let result = comparison(out.path());
     for (node, validation) in result["search"]["validation_episodes"]
         .as_array()
@@ -130,9 +130,9 @@ fn trials_that_diverge_are_no_end_of_the_search() {
         "1e30",
     ];
     let none = [&SMALL[..], &none].concat();
-    let said = fails(&super::compare(out.path(), &none));
+    let reported = fails(&super::compare(out.path(), &none));
     assert!(
-        said.contains("1 trial of federated failed, so there is nothing to choose from"),
-        "{said}"
+        reported.contains("1 trial of federated failed, so there is nothing to choose from"),
+        "{reported}"
     );
 }

@@ -22,10 +22,10 @@ fn the_curves_of_a_node_go_on_from_round_to_round() {
         "5e-4",
     ];
     let options = [&training[..], &["--tensorboard", &folder]].concat();
-    let said = [network.joins(1, &options), network.joins(1, &options)];
-    let proven = said
+    let reported = [network.joins(1, &options), network.joins(1, &options)];
+    let proven = reported
         .iter()
-        .filter(|said| said.contains("submits the claim"));
+        .filter(|reported| reported.contains("submits the claim"));
     let proven = proven.count();
     let curves = curves(Path::new(&folder));
     let round = |number: usize| -> Vec<f32> {
@@ -64,11 +64,11 @@ fn a_node_whose_curves_cannot_be_written_ends_before_it_connects() {
     let network = LocalNetwork::new();
     network.found(&[]);
     let output = network.join(1, &["--tensorboard", "/proc/nothing"]);
-    let said = logged(&output);
-    assert_eq!(output.status.code(), Some(1), "{said}");
+    let reported = logged(&output);
+    assert_eq!(output.status.code(), Some(1), "{reported}");
     assert!(
-        said.contains("--tensorboard: ") && said.contains("/proc/nothing"),
-        "{said}"
+        reported.contains("--tensorboard: ") && reported.contains("/proc/nothing"),
+        "{reported}"
     );
-    assert!(!Path::new(&network.path("state")).exists(), "{said}");
+    assert!(!Path::new(&network.path("state")).exists(), "{reported}");
 }

@@ -70,6 +70,9 @@ fn each_node_is_a_run_and_a_resumed_simulation_goes_on() {
     }
     assert_eq!(node["train/loss"].len(), 2);
 
-    let said = fails(&simulating(&path("other"), &folder, &["--rounds", "1"]));
-    assert!(said.contains("holds the curves of another run"), "{said}");
+    let reported = fails(&simulating(&path("other"), &folder, &["--rounds", "1"]));
+    assert!(
+        reported.contains("holds the curves of another run"),
+        "{reported}"
+    );
 }

@@ -80,10 +80,10 @@ fn what_is_wrong_with_the_folder_is_said_before_the_first_step() {
     let [out, cache, _] = paths(dir.path());
     let file = text(&dir.path().join("file")).to_owned();
     fs::write(&file, "").unwrap();
-    let said = fails(&training(&[out, cache.clone(), file.clone()], &[]));
+    let reported = fails(&training(&[out, cache.clone(), file.clone()], &[]));
     assert!(
-        said.contains("--tensorboard: ") && said.contains(&file),
-        "{said}"
+        reported.contains("--tensorboard: ") && reported.contains(&file),
+        "{reported}"
     );
     assert!(!dir.path().join("out/metrics.jsonl").exists());
 
@@ -92,7 +92,7 @@ fn what_is_wrong_with_the_folder_is_said_before_the_first_step() {
     let made = made.unwrap();
     assert!(made.status.success(), "{}", logged(&made));
     let other = text(&dir.path().join("other")).to_owned();
-    let said = fails(&training(&[other, cache, folder.clone()], &[]));
+    let reported = fails(&training(&[other, cache, folder.clone()], &[]));
     let why = format!("{folder} holds the curves of another run");
-    assert!(said.contains(&why), "{said}");
+    assert!(reported.contains(&why), "{reported}");
 }

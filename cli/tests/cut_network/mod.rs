@@ -99,7 +99,7 @@ impl Remote {
     }
 }
 
-/// What a node says when it hears nothing from the aggregator any more. It depends on what the node does at that moment.
+/// What a node states when it hears nothing from the aggregator any more. It depends on what the node does at that moment.
 const LOST: [&str; 2] = [
     "the aggregator does not answer",
     "the aggregator cannot do it now",
@@ -112,7 +112,7 @@ fn a_node_goes_on_in_its_round_after_a_cut() {
     }
     let remote = Remote::start("10", "10");
     let mut node = remote.join("1000", "1");
-    remote.aggregator.says("round opened");
+    remote.aggregator.reports("round opened");
     remote.cable.cut();
     node.says_one_of(&LOST);
     remote.cable.mend();
@@ -127,10 +127,10 @@ fn a_node_that_is_cut_off_until_its_round_has_ended_takes_part_in_the_next() {
     }
     let remote = Remote::start("1", "1");
     let mut node = remote.join("100", "2");
-    remote.aggregator.says("update committed");
+    remote.aggregator.reports("update committed");
     remote.cable.cut();
     // Without the node's claim, the time of the round passes.
-    remote.aggregator.says("round closed");
+    remote.aggregator.reports("round closed");
     remote.cable.mend();
     node.ends();
     let [committed, refused, unanswered] = remote.ended();

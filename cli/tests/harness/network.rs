@@ -248,9 +248,9 @@ impl LocalNetwork {
     #[track_caller]
     pub fn joins(&self, rounds: u64, more: &[&str]) -> String {
         let output = self.join(rounds, more);
-        let said = logged(&output);
-        assert!(output.status.success(), "{said}");
-        said
+        let reported = logged(&output);
+        assert!(output.status.success(), "{reported}");
+        reported
     }
 }
 

@@ -44,7 +44,7 @@ impl Process {
     }
 
     /// Waits until the log has a line whose message begins with this, and returns it.
-    pub fn says(&self, message: &str) -> Value {
+    pub fn reports(&self, message: &str) -> Value {
         self.says_one_of(&[message])
     }
 
@@ -53,9 +53,9 @@ impl Process {
         let until = Instant::now() + PATIENCE;
         loop {
             let line = self.line(until);
-            let line = line.unwrap_or_else(|error| panic!("no log says {messages:?}: {error}"));
-            let said = line["message"].as_str().unwrap_or_default();
-            if messages.iter().any(|begin| said.starts_with(begin)) {
+            let line = line.unwrap_or_else(|error| panic!("no log states {messages:?}: {error}"));
+            let reported = line["message"].as_str().unwrap_or_default();
+            if messages.iter().any(|begin| reported.starts_with(begin)) {
                 return line;
             }
         }
@@ -69,7 +69,7 @@ impl Process {
 
     /// Waits until the process serves, and returns its address.
     pub fn address(&self) -> String {
-        let listening = self.says("the aggregator of network");
+        let listening = self.reports("the aggregator of network");
         listening["listening"].as_str().unwrap().to_owned()
     }
 
@@ -90,17 +90,17 @@ impl Process {
     /// Waits until the process has ended by itself, with success.
     pub fn ends(&mut self) {
         let until = Instant::now() + PATIENCE;
-        let mut said = vec![];
+        let mut reported = vec![];
         let ended = loop {
             match self.line(until) {
-                Ok(line) => said.push(line.to_string()),
+                Ok(line) => reported.push(line.to_string()),
                 Err(ended) => break ended,
             }
         };
-        let said = said.join("\n");
+        let reported = reported.join("\n");
         // The log ends with the process.
-        assert_eq!(ended, RecvTimeoutError::Disconnected, "{said}");
-        assert!(self.child.wait().unwrap().success(), "{said}");
+        assert_eq!(ended, RecvTimeoutError::Disconnected, "{reported}");
+        assert!(self.child.wait().unwrap().success(), "{reported}");
     }
 }
 

@@ -16,13 +16,13 @@ use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::signed::{DatasetRegistration, Submission, UpdateCommitment};
 use zk0_protocol::rules::named_blobs::named_blobs;
 
-/// What the committed ledger says.
+/// What the committed ledger states.
 pub struct Recorded {
     entries: Vec<Entry>,
     blobs: Blobs,
 }
 
-/// A node of the network, and what it has said in round 0.
+/// A node of the network, and what it has stated in round 0.
 pub struct Member {
     pub id: NodeId,
     pub name: String,

@@ -21,7 +21,7 @@ pub struct Serving {
 }
 
 impl Serving {
-    /// Starts the binary, and waits until it says where it listens.
+    /// Starts the binary, and waits until it states where it listens.
     pub fn start(arguments: &[&str]) -> Self {
         Self::start_with(arguments, &[] as &[(&str, &str)])
     }
@@ -37,7 +37,7 @@ impl Serving {
         Self::of(command)
     }
 
-    /// Starts a command that runs the binary with a log of JSON lines, and waits until it says where it listens.
+    /// Starts a command that runs the binary with a log of JSON lines, and waits until it states where it listens.
     pub fn of(mut command: Command) -> Self {
         let mut process = command.stderr(Stdio::piped()).spawn().unwrap();
         let mut log = BufReader::new(process.stderr.take().unwrap());
@@ -48,7 +48,7 @@ impl Serving {
                 let line: serde_json::Value = serde_json::from_str(&line).ok()?;
                 Some(line["listening"].as_str()?.to_owned())
             })
-            .expect("it says where it listens");
+            .expect("it states where it listens");
         // It goes on to write its log.
         let written = Arc::new(Mutex::new(String::new()));
         let more = written.clone();
@@ -82,7 +82,7 @@ impl Serving {
 }
 
 impl Serving {
-    /// Its log so far, from the line after the one that says where it listens.
+    /// Its log so far, from the line after the one that states where it listens.
     pub fn log(&self) -> String {
         self.log.lock().unwrap().clone()
     }

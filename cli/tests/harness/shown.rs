@@ -36,7 +36,7 @@ impl Shown {
         });
     }
 
-    /// Checks that the service says that it is in order, or that it is not and why.
+    /// Checks that the service states that it is in order, or that it is not and why.
     #[track_caller]
     pub fn is_healthy(&self, wrong: Option<&str>) {
         let answer = self.get("/health");

@@ -1,7 +1,7 @@
 //! The store that the environment names: an emulator, or what an operator has. `scripts/try-buckets` runs these tests, each of which is a step.
 //!
 //! `ZK0_STORE` is its address, as `--blob-store` takes it, and the credentials are where the program looks for them. For the published log,
-//! `ZK0_PUBLIC_STORE` is an address that anybody may read, and `ZK0_PUBLIC_URL` says where on the web that is.
+//! `ZK0_PUBLIC_STORE` is an address that anybody may read, and `ZK0_PUBLIC_URL` states where on the web that is.
 
 use super::large_updates::{bytes, runtime, Large};
 use super::lives_from;
@@ -139,7 +139,7 @@ fn a_nodes_update_goes_straight_into_it() {
     let address = fresh("ZK0_STORE", "presigned");
     let presigned = Presigned::in_store(&address, &variables(), &[]);
     let node = presigned.join();
-    node.says("the update went straight to the aggregator's store");
+    node.reports("the update went straight to the aggregator's store");
     let update = presigned.committed();
     assert_eq!(presigned.came_from("store"), 1.0);
     let bucket = bucket(&address);
@@ -147,7 +147,7 @@ fn a_nodes_update_goes_straight_into_it() {
     assert_eq!(bucket.sent().unwrap().all().unwrap(), []);
 }
 
-/// `ZK0_UPDATE_MB` says how large.
+/// `ZK0_UPDATE_MB` states how large.
 #[test]
 #[ignore = "asks a store: scripts/try-buckets"]
 fn large_updates_go_straight_into_it() {

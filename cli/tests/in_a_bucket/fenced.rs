@@ -99,8 +99,8 @@ fn of_two_aggregators_on_copies_of_a_folder_one_ends() {
         let mut ended = both.iter_mut().map(|one| one.ended_within(SOON));
         ended.position(|ended| ended.is_some_and(|ended| ended.code() == Some(2)))
     });
-    let said = both[fenced].log();
-    as_in_the_runbook(&said, "so another aggregator writes the same log");
+    let reported = both[fenced].log();
+    as_in_the_runbook(&reported, "so another aggregator writes the same log");
     let goes_on = &mut both[1 - fenced];
     assert!(goes_on.ended_within(SOON).is_none());
     assert!(goes_on.terminate().success());
@@ -124,8 +124,8 @@ fn a_folder_with_another_history_is_not_served() {
     let arguments = kept.serving("ledger", &["--rounds", "2"]);
     assert!(Serving::start(&words(&arguments)).terminate().success());
     let before = kept.entries("other");
-    let said = kept.refuses(2, "other");
-    as_in_the_runbook(&said, "so another aggregator writes the same log");
+    let reported = kept.refuses(2, "other");
+    as_in_the_runbook(&reported, "so another aggregator writes the same log");
     assert_eq!(kept.entries("other"), before);
     // The folder makes room.
     fs::rename(&other, kept.network.path("other.old")).unwrap();
@@ -164,6 +164,6 @@ fn a_store_that_cannot_fill_a_folder_is_named() {
     as_in_the_runbook(&kept.refuses(1, "other"), "holds no entries of one: ");
     assert!(!Path::new(&other).exists());
     // Without a store, it is as it was.
-    let said = fails(&["aggregator", "serve", &other, "--key", &log_key]);
-    assert!(said.contains("there is no ledger in"), "{said}");
+    let reported = fails(&["aggregator", "serve", &other, "--key", &log_key]);
+    assert!(reported.contains("there is no ledger in"), "{reported}");
 }

@@ -133,7 +133,7 @@ fn started(serving: &[String], variables: &[(String, String)]) -> Process {
     command.args(serving).envs(variables.iter().cloned());
     let aggregator = Process::of(command);
     aggregator.address();
-    aggregator.says("the metrics are at");
+    aggregator.reports("the metrics are at");
     aggregator
 }
 
@@ -207,7 +207,7 @@ fn a_bucket_that_fails_in_the_middle_of_an_update_is_asked_again() {
     }
 }
 
-/// The node says why, whatever the bucket does in the middle of an update.
+/// The node states why, whatever the bucket does in the middle of an update.
 #[test]
 fn an_update_that_is_cut_on_its_way_into_the_bucket_is_said() {
     let Some(s3) = S3::start() else { return };
@@ -235,8 +235,11 @@ fn an_update_that_is_cut_on_its_way_into_the_bucket_is_said() {
     );
     assert_eq!(sent.size(&object).unwrap(), None);
     let unavailable = put(Fault::Unavailable);
-    let said = unavailable.to_string();
-    assert!(said.contains("does not take the update: 503"), "{said}");
+    let reported = unavailable.to_string();
+    assert!(
+        reported.contains("does not take the update: 503"),
+        "{reported}"
+    );
     let unanswered = put(Fault::CutAnswer(0));
     assert!(
         matches!(unanswered, StoredUpdateError::Unreachable { .. }),

@@ -41,17 +41,17 @@ fn an_upload_that_is_lost_with_the_machine_is_sent_again() {
     let of = ["--dataset", RECORDING, "--steps", "1"];
     let all = [&join[..], &with, &of].concat();
     let node = Process::start(&all.into_iter().map(str::to_owned).collect::<Vec<_>>());
-    aggregator.says("round opened");
+    aggregator.reports("round opened");
     // The node cannot commit now.
     s3.network
         .fail_next("PUT /blobs/net/blobs/", Fault::Unavailable, 1000);
-    aggregator.says("update uploaded");
+    aggregator.reports("update uploaded");
     aggregator.kill();
     s3.network.mend();
     fs::remove_dir_all(&ledger).unwrap();
     let aggregator = serve();
-    node.says("round 0: the aggregator has lost the upload");
-    aggregator.says("update committed");
+    node.reports("round 0: the aggregator has lost the upload");
+    aggregator.reports("update committed");
     until("the node has committed", || {
         let entries = network.entries().into_iter();
         let mut committed = entries.filter(|one| matches!(one.body, Body::UpdateCommitted(_)));

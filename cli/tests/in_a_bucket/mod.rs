@@ -67,8 +67,8 @@ fn lives_from(address: &str, variables: &[(String, String)], inside: &dyn Seen) 
         printed(&ends(0, command))
     };
     let out = network.path("export");
-    let said = with_store(&["ledger", "export", &ledger, &out]);
-    assert!(!said.contains("missing"), "{said}");
+    let reported = with_store(&["ledger", "export", &ledger, &out]);
+    assert!(!reported.contains("missing"), "{reported}");
     assert!(Path::new(&out).join("blobs/sha256").join(&policy).exists());
     let copy = network.path("backup");
     with_store(&["ledger", "backup", &ledger, &copy]);
@@ -90,12 +90,12 @@ fn lives_from(address: &str, variables: &[(String, String)], inside: &dyn Seen) 
     let junk = junk.to_string();
     inside.add(&junk, &file);
     fs::remove_dir_all(Path::new(&ledger).join("blobs")).unwrap();
-    let said = with_store(&["ledger", "prune", &ledger, "--dry-run"]);
-    assert!(said.contains("file that no entry names"), "{said}");
+    let reported = with_store(&["ledger", "prune", &ledger, "--dry-run"]);
+    assert!(reported.contains("file that no entry names"), "{reported}");
     assert!(inside.has(&junk));
     let key = network.path("log.key");
-    let said = with_store(&["ledger", "prune", &ledger, "--key", &key]);
-    assert!(said.contains("deleted      1 blob"), "{said}");
+    let reported = with_store(&["ledger", "prune", &ledger, "--key", &key]);
+    assert!(reported.contains("deleted      1 blob"), "{reported}");
     assert!(!inside.has(&junk));
     assert!(inside.has(&policy));
 
@@ -114,8 +114,8 @@ fn served(network: &LocalNetwork, store: &[&str], variables: &[(String, String)]
     let cached = ["--blob-cache-bytes", "0"];
     let mut server = Serving::start_with(&[&serve[..], store, &cached].concat(), variables);
     let mirror = network.path("mirror");
-    let said = prints(&["ledger", "import", &server.address, &mirror]);
-    assert!(!said.contains("missing"), "{said}");
+    let reported = prints(&["ledger", "import", &server.address, &mirror]);
+    assert!(!reported.contains("missing"), "{reported}");
     let mirrored = Path::new(&mirror).join("blobs/sha256").join(policy);
     assert!(mirrored.exists());
     assert!(server.terminate().success());
@@ -146,10 +146,10 @@ fn a_network_lives_from_a_bucket_of_google() {
 #[test]
 fn a_store_that_cannot_be_used_is_named() {
     let network = founded();
-    let said = fails(&words(&serving(&network, &["--blob-store", "ftp://x/y"])));
+    let reported = fails(&words(&serving(&network, &["--blob-store", "ftp://x/y"])));
     assert!(
-        said.contains("is not the address of a blob store"),
-        "{said}"
+        reported.contains("is not the address of a blob store"),
+        "{reported}"
     );
     let arguments = serving(
         &network,
@@ -165,12 +165,12 @@ fn a_store_that_cannot_be_used_is_named() {
         .env("AWS_SECRET_ACCESS_KEY", "secret");
     let output = command.output().unwrap();
     assert_eq!(output.status.code(), Some(1), "{}", printed(&output));
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    let reported = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(
-        said.contains("the blob store s3://bucket/x failed"),
-        "{said}"
+        reported.contains("the blob store s3://bucket/x failed"),
+        "{reported}"
     );
-    assert!(!said.contains("secret"), "{said}");
+    assert!(!reported.contains("secret"), "{reported}");
     let alone = zk0(&words(&serving(&network, &["--blob-cache-bytes", "5"])))
         .output()
         .unwrap();

@@ -102,14 +102,14 @@ fn a_nodes_update_goes_straight_into_the_bucket() {
     let Some(s3) = S3::start() else { return };
     let presigned = Presigned::start(&s3, &[]);
     let node = presigned.join();
-    node.says("the update went straight to the aggregator's store");
+    node.reports("the update went straight to the aggregator's store");
     let update = presigned.committed();
     assert!(s3.file("net", update).exists());
     assert_eq!(presigned.came_from("store"), 1.0);
     assert_eq!(s3.objects("net/uploads"), 0);
 }
 
-/// Where its address is of no use, the node sends the update to the aggregator, and says why.
+/// Where its address is of no use, the node sends the update to the aggregator, and states why.
 #[test]
 fn a_node_that_cannot_use_its_address_sends_the_update_to_the_aggregator() {
     let late = Fault::Late(Duration::from_millis(2100));
@@ -122,10 +122,10 @@ fn a_node_that_cannot_use_its_address_sends_the_update_to_the_aggregator() {
         let presigned = Presigned::start(&s3, more);
         s3.network.fail_next("PUT /blobs/net/uploads/", fault, 1);
         let node = presigned.join();
-        let said = node.says("the update goes through the aggregator");
-        let said = said["message"].as_str().unwrap();
-        assert!(said.contains(why), "{said}");
-        assert!(!said.contains("Signature"), "{said}");
+        let reported = node.reports("the update goes through the aggregator");
+        let reported = reported["message"].as_str().unwrap();
+        assert!(reported.contains(why), "{reported}");
+        assert!(!reported.contains("Signature"), "{reported}");
         assert!(s3.network.has_failed());
         let update = presigned.committed();
         assert!(s3.file("net", update).exists());
@@ -138,12 +138,12 @@ fn a_folder_gives_no_addresses() {
     let network = founded();
     let store = format!("file://{}", network.path("store"));
     let more = ["--blob-store", &store, "--presigned-uploads"];
-    let said = fails(&words(&serving(&network, &more)));
+    let reported = fails(&words(&serving(&network, &more)));
     assert!(
-        said.contains("--presigned-uploads needs a bucket"),
-        "{said}"
+        reported.contains("--presigned-uploads needs a bucket"),
+        "{reported}"
     );
-    assert!(said.contains(&store), "{said}");
+    assert!(reported.contains(&store), "{reported}");
     let alone = zk0(&words(&serving(&network, &["--presigned-uploads"])));
     ends(2, alone);
 }

@@ -27,13 +27,13 @@ pub fn is_mirrored((blobs, log): (&str, &str), variables: &[(String, String)], u
     // What is left is written when it ends.
     assert!(aggregator.terminate().success());
     let mirror = network.path("mirror");
-    let said = prints(&["ledger", "import", url, &mirror]);
+    let reported = prints(&["ledger", "import", url, &mirror]);
     let entries = network.entries().len();
     assert!(
-        said.contains(&format!("{entries} entries, {entries} of them new")),
-        "{said}"
+        reported.contains(&format!("{entries} entries, {entries} of them new")),
+        "{reported}"
     );
-    assert!(!said.contains("missing"), "{said}");
+    assert!(!reported.contains("missing"), "{reported}");
     assert!(prints(&["ledger", "fsck", &mirror]).contains("WHOLE"));
     assert!(prints(&["audit", "replay", url]).contains("VERIFIED"));
 }
@@ -63,17 +63,17 @@ fn an_aggregator_does_not_start_on_an_older_state_than_is_published() {
         }
         let before = network.entries();
         let arguments = serving(&network, &["--log-store", &log]);
-        let said = logged(&ends(2, zk0(&words(&arguments))));
+        let reported = logged(&ends(2, zk0(&words(&arguments))));
         assert!(
-            said.contains("does not go on from what is published"),
-            "{said}"
+            reported.contains("does not go on from what is published"),
+            "{reported}"
         );
         let why = if forked {
             "have root"
         } else {
             "was rolled back"
         };
-        assert!(said.contains(why), "{said}");
+        assert!(reported.contains(why), "{reported}");
         assert_eq!(network.entries(), before, "nothing is signed");
         assert_ne!(before, published);
     }
@@ -86,7 +86,10 @@ fn the_private_store_is_not_published() {
     let inside = format!("file://{folder}/blobs-of-mine");
     for public in [&inside, &format!("{inside}/"), &format!("file://{folder}")] {
         let more = ["--blob-store", &inside, "--log-store", public];
-        let said = fails(&words(&serving(&network, &more)));
-        assert!(said.contains("also holds what is not public"), "{said}");
+        let reported = fails(&words(&serving(&network, &more)));
+        assert!(
+            reported.contains("also holds what is not public"),
+            "{reported}"
+        );
     }
 }

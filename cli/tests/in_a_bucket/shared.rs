@@ -47,8 +47,8 @@ fn belongs_to_the_first(address: &str, variables: &[(String, String)], root: &Pa
         &["ledger", "fsck", &ledger],
     ];
     for arguments in of_theirs {
-        let said = with_store(1, arguments);
-        assert!(said.contains(&expected), "{arguments:?}: {said}");
+        let reported = with_store(1, arguments);
+        assert!(reported.contains(&expected), "{arguments:?}: {reported}");
     }
     let kept = root.join("blobs/sha256");
     assert!(kept.join(ours.genesis().policy.to_string()).exists());
@@ -72,19 +72,19 @@ fn belongs_to_the_first(address: &str, variables: &[(String, String)], root: &Pa
     fs::create_dir(&kept).unwrap();
     let stranger = kept.join(Digest([7; 32]).to_string());
     fs::write(&stranger, b"somebody's").unwrap();
-    let said = with_store(1, &prune);
+    let reported = with_store(1, &prune);
     let expected = format!(
         "the blob store {address} names no network, and no entry of the ledger in {ledger} names one of its 1 blobs"
     );
-    assert!(said.contains(&expected), "{said}");
+    assert!(reported.contains(&expected), "{reported}");
     assert!(stranger.exists() && !named.exists());
     fs::write(&named, id(&ours)).unwrap();
     with_store(0, &look);
     fs::write(&named, "ours").unwrap();
-    let said = with_store(1, &prune);
+    let reported = with_store(1, &prune);
     assert!(
-        said.contains("its object `network` does not hold the id of a network"),
-        "{said}"
+        reported.contains("its object `network` does not hold the id of a network"),
+        "{reported}"
     );
     assert!(stranger.exists());
 }

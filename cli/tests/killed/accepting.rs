@@ -54,7 +54,7 @@ impl Served {
             count,
             bucket.as_ref(),
         );
-        aggregator.says("the aggregator of network");
+        aggregator.reports("the aggregator of network");
         Self {
             bucket,
             relay: Relay::to(&port.address()),
@@ -77,7 +77,7 @@ impl Served {
         let (dir, listen) = (self.dir.path(), self.port.address());
         let count = self.members.len();
         self.aggregator = serving(&self.recorded, dir, &listen, count, self.bucket.as_ref());
-        self.aggregator.says("the aggregator of network");
+        self.aggregator.reports("the aggregator of network");
     }
 
     fn network(&self) -> Digest {
@@ -179,8 +179,13 @@ pub(super) async fn until_submission(member: &Member, node: &mut NodeClient) {
 }
 
 async fn commit(member: &Member, node: &mut NodeClient) -> Result<(Digest, Receipt), NodeError> {
-    let said = &member.commitment;
-    let committed = node.commit(0, &said.dataset_root, &said.update, said.eval_samples);
+    let reported = &member.commitment;
+    let committed = node.commit(
+        0,
+        &reported.dataset_root,
+        &reported.update,
+        reported.eval_samples,
+    );
     committed.await
 }
 
@@ -238,11 +243,11 @@ impl Served {
 }
 
 impl Served {
-    /// Kills the aggregator as soon as its log has said `step` so often, and checks that the round ends as it was recorded.
+    /// Kills the aggregator as soon as its log has stated `step` so often, and checks that the round ends as it was recorded.
     pub(super) fn goes_on(mut self, step: &str, times: usize) {
         let played = self.play();
         for _ in 0..times {
-            self.aggregator.says(step);
+            self.aggregator.reports(step);
         }
         self.restart();
         self.ends(played);
@@ -253,7 +258,7 @@ fn goes_on(step: &str, times: usize) {
     Served::start().goes_on(step, times);
 }
 
-/// Tries it until the aggregator is killed at the right moment, which is a short one: `right` says so of the entries on disk and of what nodes wait
+/// Tries it until the aggregator is killed at the right moment, which is a short one: `right` states it of the entries on disk and of what nodes wait
 /// for.
 fn at_the_moment(
     kill: impl Fn(&mut Served),
@@ -296,7 +301,7 @@ fn the_aggregator_is_killed_when_the_randomness_is_drawn() {
 #[test]
 fn the_aggregator_is_killed_when_a_submission_has_arrived_and_is_not_recorded() {
     at_the_moment(
-        |served| drop(served.aggregator.says("submission arrived")),
+        |served| drop(served.aggregator.reports("submission arrived")),
         |_, entries, _| decided(entries).is_empty(),
     );
 }
@@ -309,9 +314,9 @@ fn the_aggregator_is_killed_when_a_contribution_is_recorded_and_not_acknowledged
             let accepted = served.members.iter().filter(|member| member.accepted);
             let accepted: Vec<_> = accepted.map(|member| member.id.to_string()).collect();
             let counts = |line: Value| accepted.iter().any(|id| line["node"] == **id);
-            while !counts(served.aggregator.says("submission arrived")) {}
+            while !counts(served.aggregator.reports("submission arrived")) {}
             served.relay.hold();
-            served.aggregator.says("contribution accepted");
+            served.aggregator.reports("contribution accepted");
         },
         |served, entries, played| {
             let recorded = decided(entries);
@@ -326,7 +331,7 @@ fn the_aggregator_is_killed_when_all_is_decided_and_the_round_closes() {
     at_the_moment(
         |served| {
             for _ in 0..served.members.len() {
-                served.aggregator.says("contribution ");
+                served.aggregator.reports("contribution ");
             }
         },
         |_, entries, _| closings(entries).is_empty(),

@@ -14,19 +14,19 @@ fn a_second_node_on_a_state_folder_is_refused() {
     let aggregator = serve(&network, "127.0.0.1:0", &["--min-nodes", "2"]);
     let mut command = join(&network, "node", &aggregator.address(), &prover.address);
     let mut first = Process::start(&command);
-    first.says("committed to");
+    first.reports("committed to");
     let state = network.path("node-state");
     let written = Path::new(&state).join("update.unfinished");
     fs::write(&written, "half of it").unwrap();
 
     command.extend(["--rounds", "0"].map(str::to_owned));
-    let said = fails(&words(&command));
+    let reported = fails(&words(&command));
     assert!(
-        said.contains(&format!("another zk0 node uses {state}:")),
-        "{said}"
+        reported.contains(&format!("another zk0 node uses {state}:")),
+        "{reported}"
     );
     as_in_the_runbook(
-        &said,
+        &reported,
         "stop it first, or choose another folder with --state",
     );
     assert!(written.exists(), "the first node still writes it");

@@ -22,12 +22,12 @@ use zk0_prover::prove::Proof;
 use zk0_prover::service::{Backend, JobError, ProvingClient, WaitingClient};
 use zk0_testkit::own_port::OwnPort;
 
-/// What a node says when the proving service cannot do it now, for the first time and later.
+/// What a node states when the proving service cannot do it now, for the first time and later.
 const TROUBLE: &str = "round 0: the proving service at";
 const MORE_TROUBLE: &str = "round 0: no proof yet";
 const DECIDED: &str = "round 0: refused";
 
-/// Says when it begins with a proof, and makes it when it may.
+/// States when it begins with a proof, and makes it when it may.
 struct Held {
     begun: Sender<()>,
     may: Arc<Semaphore>,
@@ -35,7 +35,7 @@ struct Held {
 }
 
 impl Held {
-    /// The backend, with what it says, and the permits for proofs.
+    /// The backend, with what it states, and the permits for proofs.
     fn new() -> (Self, Receiver<()>, Arc<Semaphore>) {
         let (begun, begins) = channel();
         let may = Arc::new(Semaphore::new(0));
@@ -74,11 +74,11 @@ impl Backend for Held {
 /// Checks that the first trouble that the node tells is this one at this address, and that the runbook has it.
 #[track_caller]
 fn warns(node: &Process, address: &str, symptom: &str) {
-    let line = node.says(TROUBLE);
-    let said = line["message"].as_str().unwrap();
-    assert!(said.contains(address), "{said}");
-    as_in_the_runbook(said, symptom);
-    assert!(said.contains("The node asks again"), "{said}");
+    let line = node.reports(TROUBLE);
+    let reported = line["message"].as_str().unwrap();
+    assert!(reported.contains(address), "{reported}");
+    as_in_the_runbook(reported, symptom);
+    assert!(reported.contains("The node asks again"), "{reported}");
 }
 
 /// Checks that the node ends well, and that the ledger has a decision on its claim.
@@ -132,13 +132,13 @@ fn a_node_whose_proving_service_is_full_waits_until_it_has_room() {
     let node = Process::start(&join);
     let full = "cannot take the claim now: the prover's queue is full until a proof is done";
     warns(&node, &prover.address, full);
-    // It asks for the second time after a second, and says nothing more.
+    // It asks for the second time after a second, and states nothing more.
     sleep(Duration::from_secs(2));
     may.add_permits(others + 1);
-    let said = node.says_one_of(&[TROUBLE, MORE_TROUBLE, DECIDED]);
+    let reported = node.says_one_of(&[TROUBLE, MORE_TROUBLE, DECIDED]);
     assert!(
-        said["message"].as_str().unwrap().starts_with(DECIDED),
-        "{said}"
+        reported["message"].as_str().unwrap().starts_with(DECIDED),
+        "{reported}"
     );
     answered(&network, node, aggregator);
 }
@@ -158,7 +158,7 @@ fn a_node_whose_proving_service_is_killed_goes_on_when_it_is_back() {
     warns(&node, &address, "`zk0 prover serve` runs it. The node");
 
     let _again = Prover::start(NoProver, 4, &port.address(), None);
-    node.says(DECIDED);
+    node.reports(DECIDED);
     answered(&network, node, aggregator);
 }
 
@@ -190,11 +190,11 @@ fn a_node_whose_proving_service_does_not_come_back_goes_on_with_the_next_round()
     let mut node = Process::start(&join);
     begun.recv_timeout(Duration::from_secs(400)).unwrap();
     drop(prover);
-    let line = node.says("round 0: the node has no proof in time");
+    let line = node.reports("round 0: the node has no proof in time");
     as_in_the_runbook(
         line["message"].as_str().unwrap(),
         "the node has no proof in time, and goes on with the next round: the proving service at",
     );
-    node.says("round 0 has closed");
+    node.reports("round 0 has closed");
     node.ends();
 }

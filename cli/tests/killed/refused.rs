@@ -84,7 +84,7 @@ pub fn join(network: &LocalNetwork, name: &str, aggregator: &str, prover: &str) 
     command.into_iter().map(str::to_owned).collect()
 }
 
-/// Kills a process as soon as the aggregator's log says `step`, starts it again, and checks that the node ends its round.
+/// Kills a process as soon as the aggregator's log states `step`, starts it again, and checks that the node ends its round.
 fn goes_on(killed: Killed, step: &str) {
     let network = founded(&["node"]);
     let prover = network.prover();
@@ -93,7 +93,7 @@ fn goes_on(killed: Killed, step: &str) {
     let address = aggregator.address();
     let join = join(&network, "node", &address, &prover.address);
     let mut node = Process::start(&join);
-    aggregator.says(step);
+    aggregator.reports(step);
     match killed {
         Killed::Aggregator => {
             aggregator.kill();
@@ -141,15 +141,15 @@ fn a_node_that_was_killed_after_its_decision_waits_for_the_close() {
     let address = aggregator.address();
     let start = |name| Process::start(&join(&network, name, &address, &prover.address));
     let (mut node, mut other) = (start("node"), start("other"));
-    other.says("round 0: committed to update");
+    other.reports("round 0: committed to update");
     other.kill();
-    aggregator.says("contribution rejected");
+    aggregator.reports("contribution rejected");
     // The node has the answer, and has kept it.
-    node.says("round 0: refused");
+    node.reports("round 0: refused");
     node.kill();
     node = start("node");
-    node.says("round 0: the node's contribution is decided already");
-    node.says("round 0: refused");
+    node.reports("round 0: the node's contribution is decided already");
+    node.reports("round 0: refused");
 }
 
 /// It has no update for the round, and could not commit to one.
@@ -162,20 +162,20 @@ fn a_node_does_not_train_for_a_round_that_takes_no_more_commitments() {
     let start = |name| Process::start(&join(&network, name, &address, &prover.address));
     let (_node, mut other) = (start("node"), start("other"));
     // The round stays open, because its claim does not come.
-    other.says("round 0: committed to update");
+    other.reports("round 0: committed to update");
     other.kill();
-    aggregator.says("commitments closed");
+    aggregator.reports("commitments closed");
     fs::remove_file(network.path("other-state/unfinished-update")).unwrap();
     other = start("other");
     let late = "round 0: the node came too late";
-    let said = other.says_one_of(&["round 0: training", late]);
+    let reported = other.says_one_of(&["round 0: training", late]);
     assert!(
-        said["message"].as_str().unwrap().starts_with(late),
-        "{said}"
+        reported["message"].as_str().unwrap().starts_with(late),
+        "{reported}"
     );
 }
 
-/// What a node says when the ledger has another proof of its claim than it submits.
+/// What a node states when the ledger has another proof of its claim than it submits.
 const NOTHING_MORE: &str = "round 0: the node goes on with the next round";
 
 /// The aggregator has recorded its decision, and the answer never comes. It answers the same proof again, but no other one: the node keeps its proof.
@@ -191,11 +191,11 @@ fn a_node_whose_answer_was_lost_submits_the_same_proof_again() {
         let start = |name, to: &str| Process::start(&join(&network, name, to, &prover.address));
         let (mut node, mut other) = (start("node", relayed), start("other", &address));
         // Its claim does not come, so that the round stays open.
-        other.says("round 0: committed to update");
+        other.reports("round 0: committed to update");
         other.kill();
-        aggregator.says("submission arrived");
+        aggregator.reports("submission arrived");
         relay.hold();
-        aggregator.says("contribution rejected");
+        aggregator.reports("contribution rejected");
         node.kill();
         relay.let_through();
         if Path::new(&network.path("node-state/decided")).exists() {
@@ -208,14 +208,14 @@ fn a_node_whose_answer_was_lost_submits_the_same_proof_again() {
         let moved = network.path("proof");
         fs::rename(&proof, &moved).unwrap();
         node = Process::start(&join(&network, "node", relayed, &forgetful.address));
-        node.says(NOTHING_MORE);
+        node.reports(NOTHING_MORE);
         node.kill();
 
         fs::rename(&moved, &proof).unwrap();
         node = start("node", relayed);
-        let said = node.says_one_of(&["round 0: refused", NOTHING_MORE]);
-        let message = said["message"].as_str().unwrap();
-        assert!(message.starts_with("round 0: refused"), "{said}");
+        let reported = node.says_one_of(&["round 0: refused", NOTHING_MORE]);
+        let message = reported["message"].as_str().unwrap();
+        assert!(message.starts_with("round 0: refused"), "{reported}");
         return;
     }
     panic!("no answer was ever held back");

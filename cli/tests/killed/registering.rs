@@ -29,10 +29,10 @@ fn a_node_that_is_killed_when_it_has_registered_again_loses_no_round() {
     let joining = join(&network, "node", &aggregator.address(), &prover.address);
     let registers = [&joining[..], &["--rounds".into(), "0".into()]].concat();
     Process::start(&registers).ends();
-    aggregator.says("dataset registered");
+    aggregator.reports("dataset registered");
     wear(&network);
     let mut node = Process::start(&joining);
-    aggregator.says("dataset registered");
+    aggregator.reports("dataset registered");
     node.kill();
     // It ends its round, and takes part in the next one.
     for _ in 0..2 {
@@ -73,7 +73,7 @@ fn an_argument_counts_that_is_lost_when_the_node_is_killed() {
         _ => false,
     };
     let mut node = Process::start(&joining);
-    node.says("round 0: the challenge is");
+    node.reports("round 0: the challenge is");
     until("an argument is counted", || opened(1));
     node.kill();
     assert!(!opened(2));

@@ -12,9 +12,11 @@ use zk0_protocol::RefusalCode;
 /// Runs a command that has to end as one does where files of the open round are missing. Returns what it names.
 #[track_caller]
 fn misses(arguments: &[&str]) -> Vec<String> {
-    let said = printed(&ends(5, zk0(arguments)));
-    assert!(said.contains("round 0 cannot close"), "{said}");
-    let missing = said.lines().filter_map(|line| line.strip_prefix("MISSING"));
+    let reported = printed(&ends(5, zk0(arguments)));
+    assert!(reported.contains("round 0 cannot close"), "{reported}");
+    let missing = reported
+        .lines()
+        .filter_map(|line| line.strip_prefix("MISSING"));
     missing.map(|line| line.trim().to_owned()).collect()
 }
 
@@ -97,8 +99,8 @@ fn what_a_ledger_lacks_comes_from_a_backup_and_nothing_else_is_changed() {
     let blob = a_blob_of(&dir);
     fs::remove_file(&blob).unwrap();
     let restore = ["ledger", "restore", text(&saved), text(&dir), "--in-place"];
-    let said = prints(&restore);
-    assert!(said.contains("0 of them new; 1 blob new"), "{said}");
+    let reported = prints(&restore);
+    assert!(reported.contains("0 of them new; 1 blob new"), "{reported}");
     assert!(prints(&restore).contains("; 0 blobs new"));
     assert_eq!(audit(text(&dir)), original);
     // What is damaged in the backup stays there.

@@ -19,10 +19,13 @@ fn a_device_that_is_not_there_ends_the_node_before_it_connects() {
         ("cuda:987", 1, "device `cuda:987`"),
     ] {
         let output = network.join(1, &["--device", device]);
-        let said = logged(&output);
-        assert_eq!(output.status.code(), Some(code), "{said}");
-        assert!(said.contains("--device") && said.contains(why), "{said}");
-        assert!(!Path::new(&network.path("state")).exists(), "{said}");
+        let reported = logged(&output);
+        assert_eq!(output.status.code(), Some(code), "{reported}");
+        assert!(
+            reported.contains("--device") && reported.contains(why),
+            "{reported}"
+        );
+        assert!(!Path::new(&network.path("state")).exists(), "{reported}");
     }
 }
 

@@ -17,7 +17,7 @@ fn a_node_whose_training_diverges_waits_for_the_next_round() {
         join.extend(["--steps", "1", "--learning-rate", "1e9"]);
         let join: Vec<String> = join.into_iter().map(str::to_owned).collect();
         let mut node = Process::start(&join);
-        node.says("round 0: the training gave no update, and the node goes on with the next round: a value does not fit");
+        node.reports("round 0: the training gave no update, and the node goes on with the next round: a value does not fit");
         node.kill();
     });
 }

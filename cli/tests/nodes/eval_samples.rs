@@ -11,17 +11,17 @@ fn a_number_of_samples_that_does_not_fit_ends_the_node_before_it_trains() {
     // The recording has fewer samples than 2000.
     for (asked, wrong) in [("15", "few"), ("2001", "many"), ("2000", "many")] {
         let output = network.join(1, &["--steps", "1", "--eval-samples", asked]);
-        let said = logged(&output);
-        assert_eq!(output.status.code(), Some(1), "{said}");
+        let reported = logged(&output);
+        assert_eq!(output.status.code(), Some(1), "{reported}");
         let expected = format!(
             "{asked} samples are too {wrong} for round 0: the rules ask for 16 to 2000 samples a claim, and this node's evaluation set has "
         );
-        assert!(said.contains(&expected), "{said}");
+        assert!(reported.contains(&expected), "{reported}");
         assert!(
-            said.contains("start the node with --eval-samples between 16 and "),
-            "{said}"
+            reported.contains("start the node with --eval-samples between 16 and "),
+            "{reported}"
         );
-        assert!(!said.contains("training 1 step"), "{said}");
+        assert!(!reported.contains("training 1 step"), "{reported}");
         assert!(!Path::new(&network.path("state/round-0.safetensors")).exists());
     }
 }
@@ -31,12 +31,12 @@ fn a_number_of_samples_that_no_argument_has_ends_the_node_before_it_trains() {
     let network = LocalNetwork::new();
     network.found(&["--mode", "succinct", "--min-eval-samples", "16"]);
     let output = network.join(1, &["--steps", "1", "--eval-samples", "100"]);
-    let said = logged(&output);
-    assert_eq!(output.status.code(), Some(1), "{said}");
+    let reported = logged(&output);
+    assert_eq!(output.status.code(), Some(1), "{reported}");
     assert!(
-        said.contains("a claim about a policy of this size has at most "),
-        "{said}"
+        reported.contains("a claim about a policy of this size has at most "),
+        "{reported}"
     );
-    assert!(said.contains("this one would have 100"), "{said}");
-    assert!(!said.contains("training 1 step"), "{said}");
+    assert!(reported.contains("this one would have 100"), "{reported}");
+    assert!(!reported.contains("training 1 step"), "{reported}");
 }

@@ -48,8 +48,8 @@ fn rules_that_ask_for_more_samples_than_an_argument_has_found_no_network() {
         "200",
     ];
     let refused = fails(&words(&network.founding(&rules)));
-    let says = "rule min_eval_samples is 200, and in mode succinct a claim about a policy of this size has at most ";
-    assert!(refused.contains(says), "{refused}");
+    let reports = "rule min_eval_samples is 200, and in mode succinct a claim about a policy of this size has at most ";
+    assert!(refused.contains(reports), "{refused}");
     assert!(!Path::new(&network.path("ledger")).exists());
 }
 
@@ -62,8 +62,8 @@ fn a_file_in_place_of_the_folder_is_named() {
     below[2] += "/below";
     for founding in [network.founding(&[]), below] {
         let refused = fails(&words(&founding));
-        let says = format!("{file} is a file, and a ledger needs a folder");
-        assert!(refused.contains(&says), "{refused}");
+        let reports = format!("{file} is a file, and a ledger needs a folder");
+        assert!(refused.contains(&reports), "{refused}");
     }
     assert_eq!(fs::read_to_string(&file).unwrap(), "a file");
 }
@@ -74,11 +74,11 @@ fn a_key_that_others_can_read_is_warned_of_once() {
     let key = network.path("log.key");
     let mend = format!("run `chmod 600 {key}`");
     fs::set_permissions(&key, Permissions::from_mode(0o644)).unwrap();
-    let said = logs(&words(&network.founding(&[])));
-    assert_eq!(said.matches(&mend).count(), 1, "{said}");
+    let reported = logs(&words(&network.founding(&[])));
+    assert_eq!(reported.matches(&mend).count(), 1, "{reported}");
     fs::set_permissions(&key, Permissions::from_mode(0o600)).unwrap();
-    let said = fails(&words(&network.founding(&[])));
-    assert!(!said.contains("chmod"), "{said}");
+    let reported = fails(&words(&network.founding(&[])));
+    assert!(!reported.contains("chmod"), "{reported}");
 }
 
 #[test]

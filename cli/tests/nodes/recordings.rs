@@ -50,13 +50,13 @@ fn a_recording_of_another_kind_is_refused_before_it_is_registered() {
         let network = LocalNetwork::new();
         found(&network, change);
         let output = network.join(0, &[]);
-        let said = logged(&output);
-        assert_eq!(output.status.code(), Some(1), "{said}");
+        let reported = logged(&output);
+        assert_eq!(output.status.code(), Some(1), "{reported}");
         assert!(
-            said.contains("the recording is not like the others of this network"),
-            "{said}"
+            reported.contains("the recording is not like the others of this network"),
+            "{reported}"
         );
-        assert!(said.contains(why), "{said}");
+        assert!(reported.contains(why), "{reported}");
         assert!(committed(&network.entries()).is_empty());
     }
 }
@@ -87,11 +87,11 @@ fn public_samples_of_another_kind_found_nothing() {
         let network = LocalNetwork::new();
         let founding = founding(&network, json!({"fps": 50}), &[option, RECORDING]);
         let output = zk0(&words(&founding)).output().unwrap();
-        let said = logged(&output);
-        assert_eq!(output.status.code(), Some(1), "{said}");
+        let reported = logged(&output);
+        assert_eq!(output.status.code(), Some(1), "{reported}");
         assert!(
-            said.contains("it has 30 frames per second, not 50"),
-            "{said}"
+            reported.contains("it has 30 frames per second, not 50"),
+            "{reported}"
         );
         assert!(!Path::new(&network.path("ledger")).exists());
     }

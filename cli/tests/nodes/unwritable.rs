@@ -24,16 +24,16 @@ fn files_that_only_people_read_cost_no_round() {
 
     let training = ["--steps", "200", "--batch-size", "16"];
     let rate = ["--learning-rate", "5e-4"];
-    let said = network.joins(1, &[&training[..], &rate].concat());
+    let reported = network.joins(1, &[&training[..], &rate].concat());
     for lost in [
         "round 0: the update is not kept in the form that LeRobot reads: ",
         "round 0: the losses of the training are not kept: ",
     ] {
-        assert!(said.contains(lost), "{said}");
+        assert!(reported.contains(lost), "{reported}");
     }
     let entries = network.entries();
     let committed = |body: &Body| matches!(body, Body::UpdateCommitted(_));
     let commitments = entries.iter().filter(|entry| committed(&entry.body));
-    assert_eq!(commitments.count(), 1, "{said}");
+    assert_eq!(commitments.count(), 1, "{reported}");
     assert!(!left.exists(), "what a killed node left takes no room");
 }

@@ -1,4 +1,4 @@
-//! `zk0 publish hub`: what it publishes, and what it says when it cannot.
+//! `zk0 publish hub`: what it publishes, and what it states when it cannot.
 
 use super::{founded, holds, serving, variables, NAME};
 use crate::harness::network::LocalNetwork;
@@ -55,9 +55,9 @@ fn a_round_is_published_with_the_weights_of_the_ledger_and_a_card() {
         "--hf-dataset",
         "robots/cubes",
     ];
-    let said = printed(&ends(0, published.command("2", &more)));
+    let reported = printed(&ends(0, published.command("2", &more)));
     let address = format!("{}/{NAME}, commit 0000", published.hub.address);
-    assert!(said.contains(&address), "{said}");
+    assert!(reported.contains(&address), "{reported}");
     assert_eq!(published.hub.model(NAME).commits[0].summary, "Round 2");
 
     // Anybody writes the same folder from the ledger.
@@ -74,8 +74,8 @@ fn a_round_is_published_with_the_weights_of_the_ledger_and_a_card() {
     let header = "---\nlibrary_name: lerobot\npipeline_tag: robotics\nbase_model: lerobot/smolvla_base\ndatasets:\n- robots/cubes\n";
     assert!(card.starts_with(header), "{card}");
 
-    let said = printed(&ends(0, published.command("2", &more)));
-    assert!(said.contains("has round 2 already"), "{said}");
+    let reported = printed(&ends(0, published.command("2", &more)));
+    assert!(reported.contains("has round 2 already"), "{reported}");
     assert_eq!(published.hub.model(NAME).commits.len(), 1);
 }
 
@@ -85,32 +85,38 @@ fn what_cannot_be_published_is_named() {
     let fails = |command: Command| logged(&ends(1, command));
     let mut wrong = published.command("2", &[]);
     wrong.env("HF_TOKEN", "hf_wrong");
-    let said = fails(wrong);
+    let reported = fails(wrong);
     assert!(
-        said.contains("HTTP 401") && said.contains("set HF_TOKEN"),
-        "{said}"
+        reported.contains("HTTP 401") && reported.contains("set HF_TOKEN"),
+        "{reported}"
     );
-    assert!(!said.contains("hf_wrong"), "{said}");
+    assert!(!reported.contains("hf_wrong"), "{reported}");
     let mut none = published.command("2", &[]);
     none.env_remove("HF_TOKEN");
-    let said = fails(none);
-    assert!(said.contains("there is no token for the Hub"), "{said}");
-    let said = fails(published.command("3", &[]));
-    assert!(said.contains("round 3 has not closed"), "{said}");
+    let reported = fails(none);
+    assert!(
+        reported.contains("there is no token for the Hub"),
+        "{reported}"
+    );
+    let reported = fails(published.command("3", &[]));
+    assert!(reported.contains("round 3 has not closed"), "{reported}");
     let other = ["--network", &"0".repeat(64)];
-    let said = fails(published.command("2", &other));
-    assert!(said.contains("is not published"), "{said}");
+    let reported = fails(published.command("2", &other));
+    assert!(reported.contains("is not published"), "{reported}");
     let weights = Path::new(&published.sources.path("lerobot")).join("model.safetensors");
     let mut bytes = fs::read(&weights).unwrap();
     let at = bytes.len() - 2;
     bytes[at] ^= 1;
     fs::write(&weights, bytes).unwrap();
-    let said = fails(published.command("2", &[]));
+    let reported = fails(published.command("2", &[]));
     assert!(
-        said.contains("is not the policy that the network was founded with"),
-        "{said}"
+        reported.contains("is not the policy that the network was founded with"),
+        "{reported}"
     );
-    assert!(said.contains(text(weights.parent().unwrap())), "{said}");
+    assert!(
+        reported.contains(text(weights.parent().unwrap())),
+        "{reported}"
+    );
     assert!(published.hub.held().models.is_empty());
 }
 

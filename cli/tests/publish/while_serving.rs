@@ -78,9 +78,9 @@ fn an_aggregator_whose_token_may_not_write_goes_on() {
     // Without a token it does not start: that would be noticed only after the first rounds.
     let mut command = zk0(&arguments);
     command.env_remove("HF_TOKEN").env("HF_HOME", &home);
-    let said = logged(&ends(1, command));
+    let reported = logged(&ends(1, command));
     assert!(
-        said.contains("--hf-repo-id: ") && said.contains("set HF_TOKEN"),
-        "{said}"
+        reported.contains("--hf-repo-id: ") && reported.contains("set HF_TOKEN"),
+        "{reported}"
     );
 }

@@ -48,16 +48,16 @@ fn a_witness_accuses_a_log_only_of_two_trees_of_one_size() {
     assert_eq!(forked.ledger.size(), size);
     assert_eq!(status(size, Vec::new(), forked.ledger.checkpoint()), 409);
     witness.logs("another tree");
-    let said = witness.log();
-    let accusations: Vec<_> = said
+    let reported = witness.log();
+    let accusations: Vec<_> = reported
         .lines()
         .filter(|line| line.contains("shows two histories"))
         .collect();
-    assert_eq!(accusations.len(), 1, "{said}");
-    assert!(accusations[0].contains("another tree"), "{said}");
+    assert_eq!(accusations.len(), 1, "{reported}");
+    assert!(accusations[0].contains("another tree"), "{reported}");
     // Strangers do not fill the disk either.
-    let warnings = said.matches("a request has no valid consistency proof");
-    assert_eq!(warnings.count(), 1, "{said}");
+    let warnings = reported.matches("a request has no valid consistency proof");
+    assert_eq!(warnings.count(), 1, "{reported}");
 
     // The honest log goes on.
     let proof = made.ledger.consistency_between(size, made.ledger.size());

@@ -29,7 +29,7 @@ fn whole(text: &str) -> Table {
     lines.join("\n").parse().unwrap()
 }
 
-/// What `--help` says of one setting.
+/// What `--help` states of one setting.
 struct Shown {
     text: String,
     default: Option<String>,
@@ -104,13 +104,13 @@ fn each_example_names_the_defaults_that_help_names() {
                 Value::String(text) => text.clone(),
                 Value::Integer(number) => number.to_string(),
                 Value::Float(number) => number.to_string(),
-                // What `--help` says in words stands in the comment.
+                // What `--help` states in words stands in the comment.
                 _ => String::new(),
             };
-            let said = format!("Default: {default}");
+            let reported = format!("Default: {default}");
             assert!(
-                value == default || text.replace("\n# ", " ").contains(&said),
-                "{name}: {key} is {value}, and help says {default}"
+                value == default || text.replace("\n# ", " ").contains(&reported),
+                "{name}: {key} is {value}, and help states {default}"
             );
             compared += 1;
         }
@@ -177,10 +177,10 @@ fn a_setting_that_cannot_be_used_is_named_with_its_line() {
         let &(_, [group, service]) = EXAMPLES.iter().find(|example| example.0 == name).unwrap();
         let arguments = [group, service, "--config", harness::text(&file)];
         let refused = logged(&ends(2, zk0(&arguments)));
-        let says = format!("{}, line {}: ", file.display(), at + 1);
+        let reports = format!("{}, line {}: ", file.display(), at + 1);
         let flag = format!("'--{key} <");
         assert!(
-            refused.contains(&says) && refused.contains(&flag),
+            refused.contains(&reports) && refused.contains(&flag),
             "{refused}"
         );
     }
@@ -227,8 +227,8 @@ fn an_aggregator_runs_with_the_example() {
     fs::write(&config, of_network(&network) + "\nmax-conections = 5\n").unwrap();
     let refused = logged(&ends(2, zk0(&["aggregator", "serve", "--config", &config])));
     let line = of_network(&network).lines().count() + 2;
-    let says = format!(
+    let reports = format!(
         "{config}, line {line}: max-conections: `zk0 aggregator serve` has no such setting"
     );
-    assert!(refused.contains(&says), "{refused}");
+    assert!(refused.contains(&reports), "{refused}");
 }

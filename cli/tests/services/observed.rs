@@ -193,9 +193,9 @@ fn a_lost_file_is_trouble_with_an_exit_code_of_its_own() {
     observed.shown.becomes(blocked, 1.0);
     observed.shown.is_healthy(Some("cannot open or close"));
     let status = observed.asking(&["status"], &of);
-    let said = printed(&ends(TROUBLE, zk0(&status)));
-    let line = said.lines().find(|line| line.starts_with("trouble "));
-    let line = line.unwrap_or_else(|| panic!("no trouble in {said}"));
+    let reported = printed(&ends(TROUBLE, zk0(&status)));
+    let line = reported.lines().find(|line| line.starts_with("trouble "));
+    let line = line.unwrap_or_else(|| panic!("no trouble in {reported}"));
     assert!(
         line.contains("blocked, for ") && line.contains("cannot open"),
         "{line}"
@@ -283,13 +283,13 @@ fn the_status_shows_rounds_nodes_the_ledger_and_the_disk() {
         "{status}"
     );
     let text = prints(&observed.asking(&["status"], &of));
-    for said in [
+    for reported in [
         "waits for nodes",
         "1 enrolled, 0 ready; a round needs 2",
         "0 of 3 are over",
         "% free",
     ] {
-        assert!(text.contains(said), "{said:?} is not in {text}");
+        assert!(text.contains(reported), "{reported:?} is not in {text}");
     }
 }
 

@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 use std::fs;
 use zk0::audit::watch_metrics::WatchMetrics;
 use zk0_aggregator::observe::metrics::Metrics;
-use zk0_aggregator::observe::witness::WitnessMetrics;
+use zk0_aggregator::publish::witness_metrics::WitnessMetrics;
 use zk0_node::observe::NodeMetrics;
 use zk0_prover::service::ProverMetrics;
 

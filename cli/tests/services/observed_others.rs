@@ -17,7 +17,7 @@ fn observed(arguments: &[&str]) -> (Process, Shown) {
     command.args(arguments).args(["--metrics", "127.0.0.1:0"]);
     command.stdout(Stdio::null());
     let process = Process::of(command);
-    let line = process.says("the metrics are at");
+    let line = process.reports("the metrics are at");
     let address = line["metrics"].as_str().unwrap().to_owned();
     (process, Shown(address))
 }
@@ -46,7 +46,7 @@ fn a_witness_shows_what_it_has_cosigned() {
     let serve = ["witness", "serve", &folder, "--key", &key, "--name", name];
     let more = ["--log-key", log.trim(), "--listen", "127.0.0.1:0"];
     let (witness, shown) = observed(&[&serve[..], &more].concat());
-    let line = witness.says("the witness is served on");
+    let line = witness.reports("the witness is served on");
     let address = line["listening"].as_str().unwrap();
     shown.is_healthy(None);
 

@@ -1,6 +1,6 @@
 //! The wheel and the Debian package: what goes into them, and of which version. `make wheel` and `make deb` pack and try them.
 
-use super::packaging::said;
+use super::packaging::reported;
 use crate::harness::{root, text};
 use std::fs;
 use std::path::Path;
@@ -28,12 +28,12 @@ fn staged(binary: &str, below: &Path) -> Output {
 fn the_wheel_carries_the_program_as_a_command() {
     let dir = tempfile::tempdir().unwrap();
     let output = staged(env!("CARGO_BIN_EXE_zk0"), dir.path());
-    assert!(output.status.success(), "{}", said(&output));
+    assert!(output.status.success(), "{}", reported(&output));
     let wheel = dir.path().join(format!("zk0-{VERSION}"));
     // pip takes the program's name and its version from these names.
     let program = wheel.join(format!("zk0-{VERSION}.data/scripts/zk0"));
     let printed = Command::new(program).arg("--version").output().unwrap();
-    assert_eq!(said(&printed), format!("zk0 {VERSION}\n"));
+    assert_eq!(reported(&printed), format!("zk0 {VERSION}\n"));
     let info = wheel.join(format!("zk0-{VERSION}.dist-info"));
     let metadata = fs::read_to_string(info.join("METADATA")).unwrap();
     let has = |line: &str| metadata.lines().any(|other| other == line);
@@ -60,9 +60,9 @@ fn what_is_no_program_is_not_put_into_a_wheel() {
     let output = staged("Cargo.toml", dir.path());
     assert_eq!(output.status.code(), Some(1));
     assert!(
-        said(&output).contains("Cargo.toml is not a program"),
+        reported(&output).contains("Cargo.toml is not a program"),
         "{}",
-        said(&output)
+        reported(&output)
     );
     assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 0);
 }

@@ -8,7 +8,7 @@ use std::process::{Command, Output};
 const SERVICES: [&str; 4] = ["aggregator", "node", "prover", "witness"];
 
 /// What a program prints in both its streams.
-pub fn said(output: &Output) -> String {
+pub fn reported(output: &Output) -> String {
     let both = [&output.stdout[..], &output.stderr[..]].concat();
     String::from_utf8_lossy(&both).into_owned()
 }
@@ -42,11 +42,11 @@ fn the_script_installs_the_binary_its_settings_and_its_units() {
     let dir = tempfile::tempdir().unwrap();
     let below = dir.path();
     let output = installed(below);
-    assert!(output.status.success(), "{}", said(&output));
+    assert!(output.status.success(), "{}", reported(&output));
     let binary = Command::new(below.join("usr/local/bin/zk0"))
         .arg("--version")
         .output();
-    assert!(said(&binary.unwrap()).starts_with("zk0 "));
+    assert!(reported(&binary.unwrap()).starts_with("zk0 "));
     for service in SERVICES {
         // systemd finds the program in /usr/local/bin, where the script puts it, and in /usr/bin, where the Debian package has it.
         let unit =
@@ -90,9 +90,9 @@ fn what_is_no_program_is_not_installed() {
         .unwrap();
     assert_eq!(output.status.code(), Some(1));
     assert!(
-        said(&output).contains("Cargo.toml is not a program"),
+        reported(&output).contains("Cargo.toml is not a program"),
         "{}",
-        said(&output)
+        reported(&output)
     );
     assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 0);
     assert_eq!(
@@ -130,11 +130,11 @@ fn systemd_accepts_the_units_and_finds_them_well_confined() {
             command.args(arguments).arg(&path).output().unwrap()
         };
         let verified = analyze(&["verify", "--man=no", "--recursive-errors=no"]);
-        assert!(verified.status.success(), "{}", said(&verified));
-        assert_eq!(said(&verified), "", "{service}");
+        assert!(verified.status.success(), "{}", reported(&verified));
+        assert_eq!(reported(&verified), "", "{service}");
         // 10 is a unit without any confinement, and 0 one that can do nothing. The threshold is in tenths.
         let confined = analyze(&["security", "--offline=yes", "--threshold=25"]);
-        assert!(confined.status.success(), "{}", said(&confined));
+        assert!(confined.status.success(), "{}", reported(&confined));
     }
 }
 
@@ -152,7 +152,7 @@ fn a_unit_waits_until_the_service_has_ended() {
         assert_eq!(value(&unit, "StartLimitIntervalSec"), "0");
         assert_eq!(value(&unit, "RestartPreventExitStatus"), "2");
         assert_eq!(value(&unit, "ProtectSystem"), "strict");
-        // Where a device can be chosen, the unit says how a GPU is let in.
+        // Where a device can be chosen, the unit states how a GPU is let in.
         let example = fs::read_to_string(root().join(format!("packaging/config/{service}.toml")));
         let on_a_gpu = example.unwrap().contains("\n#device = ");
         assert_eq!(unit.contains("PrivateDevices=no"), on_a_gpu, "{service}");

@@ -1,4 +1,4 @@
-//! The failures of `docs/runbook.md`, provoked: what is printed is what the page says.
+//! The failures of `docs/runbook.md`, provoked: what is printed is what the page states.
 
 use crate::harness::network::LocalNetwork;
 use crate::harness::serving::Serving;
@@ -39,9 +39,9 @@ fn a_port_that_is_in_use() {
     let (network, other) = (founded(), founded());
     let serving = Serving::start(&words(&serve(&network, "127.0.0.1:0")));
     let address = serving.address.trim_start_matches("http://");
-    let said = fails(&words(&serve(&other, address)));
-    as_in_the_runbook(&said, "already: stop it, or choose another address");
-    assert!(said.contains(address), "{said}");
+    let reported = fails(&words(&serve(&other, address)));
+    as_in_the_runbook(&reported, "already: stop it, or choose another address");
+    assert!(reported.contains(address), "{reported}");
 }
 
 #[test]
@@ -52,11 +52,14 @@ fn a_port_of_the_log_or_of_the_metrics_that_is_in_use() {
     for option in ["--log-listen", "--metrics"] {
         let mut arguments = serve(&network, "127.0.0.1:0");
         arguments.extend([option.to_owned(), address.clone()]);
-        let said = fails(&words(&arguments));
+        let reported = fails(&words(&arguments));
         let mend = format!("another process listens on {address} already");
-        assert!(said.contains(&mend), "{said}");
+        assert!(reported.contains(&mend), "{reported}");
         // Nobody reads that an aggregator serves which then ends.
-        assert!(!said.contains("the aggregator of network"), "{said}");
+        assert!(
+            !reported.contains("the aggregator of network"),
+            "{reported}"
+        );
     }
 }
 
@@ -64,14 +67,14 @@ fn a_port_of_the_log_or_of_the_metrics_that_is_in_use() {
 fn a_ledger_that_another_process_has() {
     let network = founded();
     let _serving = Serving::start(&words(&serve(&network, "127.0.0.1:0")));
-    let said = fails(&words(&serve(&network, "127.0.0.1:0")));
+    let reported = fails(&words(&serve(&network, "127.0.0.1:0")));
     as_in_the_runbook(
-        &said,
+        &reported,
         "is in use by another process: stop that process first",
     );
     let (ledger, key) = (network.path("ledger"), network.path("log.key"));
     let node = format!("bob={}", "11".repeat(32));
-    let said = fails(&[
+    let reported = fails(&[
         "aggregator",
         "enrol",
         &ledger,
@@ -81,11 +84,11 @@ fn a_ledger_that_another_process_has() {
         &node,
     ]);
     as_in_the_runbook(
-        &said,
+        &reported,
         "is in use, most likely by its running aggregator: enrol through that",
     );
-    // It says one way, and not two.
-    assert!(!said.contains("stop that process"), "{said}");
+    // It states one way, and not two.
+    assert!(!reported.contains("stop that process"), "{reported}");
 }
 
 #[test]
@@ -118,21 +121,21 @@ fn a_node_that_is_not_enrolled_and_a_prover_that_nobody_reaches() {
         fails(&arguments)
     };
     let nobody = "http://127.0.0.1:9";
-    let said = join(&key, nobody);
+    let reported = join(&key, nobody);
     as_in_the_runbook(
-        &said,
+        &reported,
         "cannot be reached: Connection refused (os error 111); `zk0 prover serve` runs it",
     );
-    assert_eq!(said.matches(nobody).count(), 1, "{said}");
-    assert!(!said.contains("chmod"), "{said}");
+    assert_eq!(reported.matches(nobody).count(), 1, "{reported}");
+    assert!(!reported.contains("chmod"), "{reported}");
     // With a proving service, the node comes as far as the aggregator. Its folder has become one that others can look into.
     let prover = network.prover();
     let state = network.path("state");
     fs::set_permissions(&state, fs::Permissions::from_mode(0o755)).unwrap();
-    let said = join(&stranger, &prover.address);
+    let reported = join(&stranger, &prover.address);
     let mend = format!("run `chmod 700 {state}`");
-    assert!(said.contains(&mend), "{said}");
-    as_in_the_runbook(&said, "is not enrolled in this network");
+    assert!(reported.contains(&mend), "{reported}");
+    as_in_the_runbook(&reported, "is not enrolled in this network");
 }
 
 #[test]
@@ -148,7 +151,7 @@ fn a_disk_that_takes_no_more() {
     let (key, node) = (network.path("log.key"), format!("bob={}", "11".repeat(32)));
     let mut enrol = vec!["aggregator", "enrol", "--aggregator", &serving.address];
     enrol.extend(["--network", &id, "--key", &key, "--node", &node]);
-    as_in_the_runbook(&fails(&enrol), "the aggregator failed; its log says why");
+    as_in_the_runbook(&fails(&enrol), "the aggregator failed; its log states why");
     // It can record nothing any more, so it ends, and whoever watches it notices.
     assert_eq!(
         serving
@@ -185,7 +188,7 @@ fn a_backup_that_is_older_than_the_last_checkpoint() {
     let newest = network.path("newest");
     fs::copy(Path::new(&ledger).join("checkpoint"), &newest).unwrap();
     let restored = network.path("restored");
-    let said = fails(&[
+    let reported = fails(&[
         "ledger",
         "restore",
         &backup,
@@ -193,13 +196,13 @@ fn a_backup_that_is_older_than_the_last_checkpoint() {
         "--checkpoint",
         &newest,
     ]);
-    as_in_the_runbook(&said, "to go on from this backup would fork the log");
+    as_in_the_runbook(&reported, "to go on from this backup would fork the log");
     // Somebody copies the old database back by hand.
     let database = Path::new(&ledger).join("log");
     fs::remove_dir_all(&database).unwrap();
     copy(&Path::new(&old).join("log"), &database);
-    let said = fails(&words(&serve(&network, "127.0.0.1:0")));
-    as_in_the_runbook(&said, "the database was rolled back or damaged. Restore the newest copy; until then nothing is signed");
+    let reported = fails(&words(&serve(&network, "127.0.0.1:0")));
+    as_in_the_runbook(&reported, "the database was rolled back or damaged. Restore the newest copy; until then nothing is signed");
 }
 
 #[test]
@@ -219,9 +222,9 @@ fn an_aggregator_that_is_killed() {
     };
     while up() < 3000 {}
     serving.kill();
-    let said = fails(&["status", "--aggregator", &before, "--network", &id]);
+    let reported = fails(&["status", "--aggregator", &before, "--network", &id]);
     as_in_the_runbook(
-        &said,
+        &reported,
         "cannot be reached: Connection refused (os error 111)",
     );
     // The same command goes on with the same ledger.

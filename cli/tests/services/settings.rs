@@ -85,7 +85,7 @@ fn a_file_holds_arguments_lists_and_switches() {
     assert_eq!(settings.dir, PathBuf::from("store"));
     assert_eq!(settings.servers, ["a", "b"]);
     assert!(settings.quiet);
-    // What a flag says replaces the list of the file.
+    // What a flag states replaces the list of the file.
     let settings = parsed(ALL, &["other", "--server", "c"]).unwrap();
     assert_eq!(settings.dir, PathBuf::from("other"));
     assert_eq!(settings.servers, ["c"]);
@@ -164,7 +164,7 @@ fn what_is_wrong_in_a_file_is_refused_with_its_key_and_line() {
         "number = 1\nnumber = 2",
         &["witness.toml: ", "line 2", "duplicate key"],
     );
-    // What belongs together has to be together, wherever it is said.
+    // What belongs together has to be together, wherever it is stated.
     refused("dir = 'x'\ncertificate = 'y'", &["--secret"]);
     assert!(parsed("dir = 'x'\ncertificate = 'y'", &["--secret", "z"]).is_ok());
     refused("number = 2", &["<DIR>"]);

@@ -29,11 +29,13 @@ fn a_simulation_learns_and_says_that_nothing_is_proven() {
         "--eval-frames",
         "16",
     ];
-    let said = super::prints(&simulate(out.path(), &[&more[..], &unseen].concat()));
+    let reported = super::prints(&simulate(out.path(), &[&more[..], &unseen].concat()));
     assert_eq!(
-        said.matches("nothing in this simulation is proven").count(),
+        reported
+            .matches("nothing in this simulation is proven")
+            .count(),
         2,
-        "{said}"
+        "{reported}"
     );
     let (first, last) = (round(out.path(), 0), round(out.path(), 2));
     for round in [&first, &last] {
@@ -127,31 +129,34 @@ fn each_strategy_and_the_seed_decide_the_result() {
 fn what_cannot_be_simulated_is_refused() {
     let out = folder();
     let refused = |more: &[&str]| fails(&simulate(out.path(), &[&SMALL, more].concat()));
-    let said = refused(&["--nodes", "50"]);
+    let reported = refused(&["--nodes", "50"]);
     assert!(
-        said.contains("50 nodes need 50 episodes, and the recordings have 12"),
-        "{said}"
+        reported.contains("50 nodes need 50 episodes, and the recordings have 12"),
+        "{reported}"
     );
-    let said = refused(&["--share", "0"]);
+    let reported = refused(&["--share", "0"]);
     assert!(
-        said.contains("--share is 0; it has to be above 0 and at most 1"),
-        "{said}"
+        reported.contains("--share is 0; it has to be above 0 and at most 1"),
+        "{reported}"
     );
     let wrong = zk0(&simulate(out.path(), &["--strategy", "best"]));
-    let said = logged(&ends(2, wrong));
+    let reported = logged(&ends(2, wrong));
     assert!(
-        said.contains("'best' for '--strategy <STRATEGY>': a strategy is fed-avg, median"),
-        "{said}"
+        reported.contains("'best' for '--strategy <STRATEGY>': a strategy is fed-avg, median"),
+        "{reported}"
     );
-    let said = refused(&["--strategy", r#"{"trimmed-mean": {"trim_bps": 5000}}"#]);
+    let reported = refused(&["--strategy", r#"{"trimmed-mean": {"trim_bps": 5000}}"#]);
     assert!(
-        said.contains("rule strategy leaves out 5000 basis points"),
-        "{said}"
+        reported.contains("rule strategy leaves out 5000 basis points"),
+        "{reported}"
     );
-    let said = refused(&["--fedcm-alpha", "0", "--rounds", "2"]);
-    assert!(said.contains("round 1, node-1: "), "{said}");
-    let said = refused(&["--dataset", "nowhere"]);
-    assert!(said.contains("error: nowhere: no such folder"), "{said}");
+    let reported = refused(&["--fedcm-alpha", "0", "--rounds", "2"]);
+    assert!(reported.contains("round 1, node-1: "), "{reported}");
+    let reported = refused(&["--dataset", "nowhere"]);
+    assert!(
+        reported.contains("error: nowhere: no such folder"),
+        "{reported}"
+    );
 }
 
 #[test]
@@ -159,22 +164,26 @@ fn a_folder_holds_one_simulation() {
     let out = folder();
     small(out.path(), &["--rounds", "2"]);
     let refused = |more: &[&str]| fails(&simulate(out.path(), &[&SMALL, more].concat()));
-    let said = refused(&["--rounds", "2"]);
-    assert!(said.contains("holds a simulation: add --resume"), "{said}");
+    let reported = refused(&["--rounds", "2"]);
+    assert!(
+        reported.contains("holds a simulation: add --resume"),
+        "{reported}"
+    );
     for other in [
         ["--seed", "1"],
         ["--learning-rate", "0.1"],
         ["--dataset", DATASETS[0]],
     ] {
-        let said = refused(&[&["--resume"], &other[..]].concat());
+        let reported = refused(&[&["--resume"], &other[..]].concat());
         assert!(
-            said.contains("is a simulation with another policy, other recordings or other options"),
-            "{said}"
+            reported
+                .contains("is a simulation with another policy, other recordings or other options"),
+            "{reported}"
         );
     }
-    let said = refused(&["--resume", "--rounds", "1"]);
+    let reported = refused(&["--resume", "--rounds", "1"]);
     assert!(
-        said.contains("holds a simulation of 2 rounds, and --rounds is 1"),
-        "{said}"
+        reported.contains("holds a simulation of 2 rounds, and --rounds is 1"),
+        "{reported}"
     );
 }

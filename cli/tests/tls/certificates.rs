@@ -1,4 +1,4 @@
-//! Which certificates a node believes, and what it says of the others.
+//! Which certificates a node believes, and what it states of the others.
 
 use super::encrypted::{Certificates, Encrypted, HANDSHAKE};
 use rcgen::date_time_ymd;
@@ -16,7 +16,7 @@ fn names(names: &[&str]) -> Vec<String> {
 }
 
 #[track_caller]
-fn says(message: &str, words: &[&str]) {
+fn reports(message: &str, words: &[&str]) {
     for word in words {
         assert!(message.contains(word), "{word:?} is not in {message:?}");
     }
@@ -35,10 +35,10 @@ async fn the_certificate_of_another_authority_is_refused() {
     let (certificates, other) = (Certificates::new(), Certificates::new());
     let served = Encrypted::serve(Some(certificates.load())).await;
     let message = served.refused("https", other.ca()).await;
-    says(&message, &[&served.address, "not signed by", "ca.pem"]);
+    reports(&message, &[&served.address, "not signed by", "ca.pem"]);
     // The authorities that the system trusts did not sign it, either.
     let message = served.refused("https", None).await;
-    says(&message, &["not signed by", "--ca"]);
+    reports(&message, &["not signed by", "--ca"]);
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -49,7 +49,7 @@ async fn an_expired_certificate_is_refused() {
     let certificates = Certificates::of(&authority.unwrap());
     let served = Encrypted::serve(Some(certificates.load())).await;
     let message = served.refused("https", certificates.ca()).await;
-    says(&message, &["not valid now", "expired"]);
+    reports(&message, &["not valid now", "expired"]);
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -58,20 +58,20 @@ async fn a_certificate_for_another_name_is_refused() {
     let certificates = Certificates::of(&authority);
     let served = Encrypted::serve(Some(certificates.load())).await;
     let message = served.refused("https", certificates.ca()).await;
-    says(&message, &["another name", "127.0.0.1", "other.example"]);
+    reports(&message, &["another name", "127.0.0.1", "other.example"]);
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn plain_http_and_tls_are_told_apart() {
     let certificates = Certificates::new();
     let encrypted = Encrypted::serve(Some(certificates.load())).await;
-    says(&encrypted.refused("http", None).await, &["use https://"]);
+    reports(&encrypted.refused("http", None).await, &["use https://"]);
     let plain = Encrypted::serve(None).await;
     let message = plain.refused("https", certificates.ca()).await;
-    says(&message, &["does not speak TLS"]);
+    reports(&message, &["does not speak TLS"]);
     // With an authority, a node sends nothing that is not encrypted.
     let message = plain.refused("http", certificates.ca()).await;
-    says(&message, &["use https://"]);
+    reports(&message, &["use https://"]);
     plain.connect("http", None).await.unwrap();
 }
 
@@ -80,13 +80,13 @@ async fn a_file_of_authorities_has_to_hold_some() {
     let certificates = Certificates::new();
     let served = Encrypted::serve(Some(certificates.load())).await;
     let missing = certificates.path("missing.pem");
-    says(
+    reports(
         &served.refused("https", Some(missing)).await,
         &["missing.pem"],
     );
     let key = certificates.path(KEY);
     let message = served.refused("https", Some(key)).await;
-    says(
+    reports(
         &message,
         &["server.key", "not a PEM file with certificates"],
     );
@@ -100,14 +100,14 @@ fn a_certificate_and_a_key_have_to_belong_together() {
         error.to_string()
     };
     let (certificate, key) = (certificates.path(CERTIFICATE), certificates.path(KEY));
-    says(
+    reports(
         &load(&certificate, &other.path(KEY)),
         &["cannot be used with"],
     );
-    says(&load(&key, &key), &["holds no certificate"]);
-    says(&load(&certificate, &certificate), &["holds no private key"]);
+    reports(&load(&key, &key), &["holds no certificate"]);
+    reports(&load(&certificate, &certificate), &["holds no private key"]);
     fs::remove_file(&certificate).unwrap();
-    says(&load(&certificate, &key), &["reading", "server.pem"]);
+    reports(&load(&certificate, &key), &["reading", "server.pem"]);
 }
 
 #[tokio::test(flavor = "multi_thread")]

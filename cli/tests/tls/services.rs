@@ -50,7 +50,7 @@ impl Made {
 }
 
 #[track_caller]
-fn says(message: &str, words: &[&str]) {
+fn reports(message: &str, words: &[&str]) {
     for word in words {
         assert!(message.contains(word), "{word:?} is not in {message:?}");
     }
@@ -68,23 +68,23 @@ fn a_log_is_served_and_read_over_tls() {
     let mut command = zk0(&vkey);
     command.env("SSL_CERT_FILE", &ca);
     assert_eq!(printed(&ends(0, command)), shown);
-    says(&fails(&vkey), &["not signed by an authority", "--ca"]);
+    reports(&fails(&vkey), &["not signed by an authority", "--ca"]);
     let refused = fails(&[&vkey[..], &["--ca", &others]].concat());
-    says(&refused, &["not signed by a certificate in", &others]);
+    reports(&refused, &["not signed by a certificate in", &others]);
     let http = served.address.replace("https://", "http://");
     let refused = fails(&["ledger", "vkey", &http]);
-    says(&refused, &["status 400", "use https://"]);
+    reports(&refused, &["status 400", "use https://"]);
 
     let plain = Serving::start(&["ledger", "serve", LEDGER, "--listen", "127.0.0.1:0"]);
     let https = plain.address.replace("http://", "https://");
     let refused = fails(&["ledger", "vkey", &https, "--ca", &ca]);
-    says(&refused, &["does not speak TLS"]);
+    reports(&refused, &["does not speak TLS"]);
 
     made.renew_by(&other);
     served.logs("new certificate");
     prints(&[&vkey[..], &["--ca", &others]].concat());
     let refused = fails(&[&vkey[..], &["--ca", &ca]].concat());
-    says(&refused, &["not signed by a certificate in"]);
+    reports(&refused, &["not signed by a certificate in"]);
 }
 
 /// The aggregator, and whoever reads a witness' last checkpoint.
@@ -120,7 +120,7 @@ fn witnesses_are_asked_over_tls() {
         let asking: Vec<_> = asking.iter().chain(more).map(ToString::to_string).collect();
         let begins = ["witness W cannot be asked", "witness W refuses"];
         let line = Process::start(&asking).says_one_of(&begins);
-        says(line["message"].as_str().unwrap(), why);
+        reports(line["message"].as_str().unwrap(), why);
     };
     let others_sign = ["its certificate is not signed by a certificate in"];
     unanswered(&["--witness-ca", &others], &others_sign);
@@ -130,7 +130,7 @@ fn witnesses_are_asked_over_tls() {
     // With authorities, nothing is sent that is not encrypted.
     named(&served.address.replace("https://", "http://"));
     let plain = fails(&[&asking[..], &["--witness-ca", &ca]].concat());
-    says(&plain, &["witness W", "use https:// in the witness policy"]);
+    reports(&plain, &["witness W", "use https:// in the witness policy"]);
     unanswered(&[], &["this port speaks TLS: use https://"]);
     named(&served.address);
     let mut cosigned = with(&ca);
@@ -169,7 +169,7 @@ fn a_proving_service_shows_its_certificate() {
     };
     connect(&served.address, certificates.ca()).unwrap();
     let refused = connect(&served.address, other.ca()).unwrap_err();
-    says(
+    reports(
         &refused,
         &[
             "the proving service at https://",
@@ -177,9 +177,9 @@ fn a_proving_service_shows_its_certificate() {
         ],
     );
     let refused = connect(&served.address, None).unwrap_err();
-    says(&refused, &["not signed by an authority", "--prover-ca"]);
+    reports(&refused, &["not signed by an authority", "--prover-ca"]);
     let http = served.address.replace("https://", "http://");
-    says(&connect(&http, None).unwrap_err(), &["use https://"]);
+    reports(&connect(&http, None).unwrap_err(), &["use https://"]);
 
     runtime.spawn(certificate.watch(Duration::from_millis(50)));
     for name in [CERTIFICATE, KEY] {
@@ -189,7 +189,7 @@ fn a_proving_service_shows_its_certificate() {
         connect(&served.address, other.ca()).is_ok()
     });
     let refused = connect(&served.address, certificates.ca()).unwrap_err();
-    says(&refused, &["not signed by a certificate in"]);
+    reports(&refused, &["not signed by a certificate in"]);
 
     // Whoever is silent in the handshake keeps nobody waiting.
     let address = served.address.trim_start_matches("https://");
@@ -208,14 +208,14 @@ fn a_proving_service_does_not_start_without_its_certificate() {
         "--tls-key",
         "missing.key",
     ];
-    let said = fails(
+    let reported = fails(
         &[
             &["prover", "serve", "--listen", "127.0.0.1:0"],
             &missing[..],
         ]
         .concat(),
     );
-    says(&said, &["reading missing.pem"]);
+    reports(&reported, &["reading missing.pem"]);
 }
 
 #[test]
@@ -244,7 +244,7 @@ fn a_node_believes_only_the_proving_service_of_its_authority() {
         ] {
             let refused = join(prover, ca);
             assert!(!refused.status.success(), "{prover}");
-            says(&logged(&refused), &["the proving service at", words]);
+            reports(&logged(&refused), &["the proving service at", words]);
         }
         let joined = join(&encrypted.address, Some(&ca));
         assert!(joined.status.success(), "{}", logged(&joined));

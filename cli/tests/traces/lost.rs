@@ -1,4 +1,4 @@
-//! A collector that is down, or that accepts connections and then says nothing.
+//! A collector that is down, or that accepts connections and then states nothing.
 
 use super::collector::{serving, Collector};
 use crate::harness::network::LocalNetwork;

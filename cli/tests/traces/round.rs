@@ -16,7 +16,7 @@ const AGGREGATOR: &str = "zk0-aggregator";
 const NODE: &str = "zk0-node";
 const PROVER: &str = "zk0-prover";
 
-/// All that a span says about its work. Nothing else leaves a process with its traces.
+/// All that a span states about its work. Nothing else leaves a process with its traces.
 const ATTRIBUTES: [&str; 7] = [
     "rpc.grpc.status_code",
     "rpc.method",
@@ -67,14 +67,14 @@ fn played() -> (String, Spans) {
     let mut join = zk0(&join);
     let joined = join.env("ZK0_NODE_OTLP", &collector.address).output();
     let joined = joined.unwrap();
-    let said = logged(&joined);
-    assert!(joined.status.success(), "{said}");
+    let reported = logged(&joined);
+    assert!(joined.status.success(), "{reported}");
     assert!(
-        said.contains("traces are sent to http://127.0.0.1"),
-        "{said}"
+        reported.contains("traces are sent to http://127.0.0.1"),
+        "{reported}"
     );
     // The log is what it is without traces.
-    assert!(!said.contains("turn{"), "{said}");
+    assert!(!reported.contains("turn{"), "{reported}");
     assert!(aggregator.terminate().success());
     drop((prover, traces));
     (id, collector.spans())
@@ -157,9 +157,9 @@ fn a_submission_and_its_verification_are_one_trace() {
         spans.child(close, AGGREGATOR, work);
     }
 
-    let said = spans.0.iter().flat_map(|one| &one.span.attributes);
-    let said: BTreeSet<_> = said.map(|attribute| &*attribute.key).collect();
+    let reported = spans.0.iter().flat_map(|one| &one.span.attributes);
+    let reported: BTreeSet<_> = reported.map(|attribute| &*attribute.key).collect();
     let known: BTreeSet<_> = ATTRIBUTES.into();
-    assert!(said.is_subset(&known), "{said:?}");
+    assert!(reported.is_subset(&known), "{reported:?}");
     assert!(spans.0.iter().all(|one| one.span.events.is_empty()));
 }

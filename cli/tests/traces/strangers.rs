@@ -1,4 +1,4 @@
-//! Whoever sends a request may send a header with it. It says which trace the request belongs to, and nothing else.
+//! Whoever sends a request may send a header with it. It states which trace the request belongs to, and nothing else.
 
 use super::collector::{serving, text, Collector};
 use crate::harness::network::LocalNetwork;

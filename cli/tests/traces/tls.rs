@@ -65,12 +65,12 @@ fn a_wrong_address_is_refused_before_the_service_starts() {
         fails(&[&words(&arguments)[..], more].concat())
     };
     for address in ["nothing", "127.0.0.1:4317", "ftp://127.0.0.1:4317", ""] {
-        let said = refused(address, &[]);
-        assert!(said.contains("collector"), "{address}: {said}");
+        let reported = refused(address, &[]);
+        assert!(reported.contains("collector"), "{address}: {reported}");
     }
     let dir = certificates();
-    let said = refused("http://127.0.0.1:4317", &["--otlp-ca", &at(&dir, CA)]);
-    assert!(said.contains("use https://"), "{said}");
-    let said = refused("https://127.0.0.1:4317", &["--otlp-ca", "/nothing.pem"]);
-    assert!(said.contains("/nothing.pem"), "{said}");
+    let reported = refused("http://127.0.0.1:4317", &["--otlp-ca", &at(&dir, CA)]);
+    assert!(reported.contains("use https://"), "{reported}");
+    let reported = refused("https://127.0.0.1:4317", &["--otlp-ca", "/nothing.pem"]);
+    assert!(reported.contains("/nothing.pem"), "{reported}");
 }

@@ -332,8 +332,8 @@ fn recordings_that_do_not_fit_the_policy_or_each_other_are_not_evaluated() {
     );
     // This policy takes states of 5 dimensions and actions of 4.
     let odd = eval(&["--policy", "tests/fixtures/smolvla_odd"]);
-    let says = "has 6 state and 6 action dimensions, and the policy takes 5 and 4";
-    assert!(odd.contains(&format!("{RECORDING} {says}")), "{odd}");
+    let reports = "has 6 state and 6 action dimensions, and the policy takes 5 and 4";
+    assert!(odd.contains(&format!("{RECORDING} {reports}")), "{odd}");
 }
 
 #[test]

@@ -222,13 +222,13 @@ fn start(dir: &Path, entries: u64) -> Result<()> {
 /// Runs a process that prints a number of entries, seconds and its most memory in KiB.
 fn measured(process: &mut Command) -> Result<[f64; 3]> {
     let output = process.output().with_context(|| format!("{process:?}"))?;
-    let said = String::from_utf8_lossy(&output.stdout);
-    let numbers: Option<Vec<f64>> = said
+    let reported = String::from_utf8_lossy(&output.stdout);
+    let numbers: Option<Vec<f64>> = reported
         .split_whitespace()
         .map(|number| number.parse().ok())
         .collect();
     let numbers = numbers.and_then(|numbers| <[f64; 3]>::try_from(numbers).ok());
-    numbers.with_context(|| format!("{said}{}", String::from_utf8_lossy(&output.stderr)))
+    numbers.with_context(|| format!("{reported}{}", String::from_utf8_lossy(&output.stderr)))
 }
 
 /// Replays the ledger, and prints the number of entries, the seconds and the most memory that this process had, in KiB.

@@ -31,7 +31,7 @@ pub enum BlobError {
     NotSent,
     /// What was put at an upload's address has another size.
     #[error(
-        "{found} bytes were put at the address of this upload, and its signed request says {size}"
+        "{found} bytes were put at the address of this upload, and its signed request states {size}"
     )]
     OtherSize { found: u64, size: u64 },
     /// The store failed.

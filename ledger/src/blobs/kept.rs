@@ -8,6 +8,7 @@
 use super::entry_objects::EntryStore;
 use super::error::{io_error, BlobError};
 use super::store::{BlobStore, IndexedStore};
+use super::take::{ArrivingBlob, Follow};
 use super::usage::{Amount, Usage};
 use super::{check, check_file, Blobs, UnfinishedBlob};
 use sha2::{Digest as _, Sha256};
@@ -88,6 +89,14 @@ impl Blobs {
     /// # Errors
     /// There is no such blob, the store fails, or it has other bytes under this name.
     pub fn fetch(&self, blob: &Digest) -> Result<(), BlobError> {
+        self.fetch_followed(blob, &mut |_| Ok(()))
+    }
+
+    /// Like [`Self::fetch`]. `follow` hears of each part that comes, unless another thread is reading the blob already.
+    ///
+    /// # Errors
+    /// Those of [`Self::fetch`] and of `follow`.
+    pub fn fetch_followed(&self, blob: &Digest, follow: Follow<'_>) -> Result<(), BlobError> {
         if self.is_here(blob) {
             return Ok(());
         }
@@ -98,7 +107,7 @@ impl Blobs {
             if self.is_here(blob) {
                 Ok(())
             } else {
-                self.read_from(kept, blob)?.finish_here(blob)
+                self.read_from(kept, blob, follow)?.finish_here(blob)
             }
         })
     }
@@ -107,7 +116,7 @@ impl Blobs {
     pub fn file_once(&self, blob: &Digest) -> Result<File, BlobError> {
         match (self.open_here(blob), &self.kept) {
             (Err(BlobError::Missing(_)), Some(kept)) => {
-                let unfinished = self.read_from(kept, blob)?;
+                let unfinished = self.read_from(kept, blob, &mut |_| Ok(()))?;
                 File::open(&unfinished.path).map_err(io_error(&unfinished.path))
             }
             (opened, _) => Ok(opened?.1),
@@ -115,9 +124,15 @@ impl Blobs {
     }
 
     /// Reads a blob from the store, and verifies its digest.
-    fn read_from(&self, kept: &IndexedStore, blob: &Digest) -> Result<UnfinishedBlob, BlobError> {
+    fn read_from(
+        &self,
+        kept: &IndexedStore,
+        blob: &Digest,
+        follow: Follow<'_>,
+    ) -> Result<UnfinishedBlob, BlobError> {
         let size = kept.size(blob)?.ok_or(BlobError::Missing(*blob))?;
         let mut unfinished = self.begin()?;
+        let file = unfinished.path.clone();
         kept.get(size, |store| {
             let (mut hasher, mut held) = (Sha256::new(), 0u64);
             store.get(blob, size, &mut |bytes| {
@@ -126,7 +141,12 @@ impl Blobs {
                     return Err(kept.altered(blob, format!("more than {size} bytes")));
                 }
                 hasher.update(bytes);
-                unfinished.write(bytes)
+                unfinished.write(bytes)?;
+                follow(ArrivingBlob {
+                    file: &file,
+                    size,
+                    held,
+                })
             })?;
             match check(blob, hasher.finalize().into()) {
                 Err(BlobError::WrongDigest { actual, .. }) => {

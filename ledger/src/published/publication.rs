@@ -186,8 +186,12 @@ impl Publication {
 
     /// How many bytes a public blob has; `None` if it is not public, or is not kept. The store of the blobs is not read.
     pub fn blob_size(&self, blob: &Digest) -> Option<u64> {
-        let access = self.gathered.disclosed.access(blob);
-        (access == BlobAccess::Public).then(|| self.blobs.size(blob))?
+        self.is_public(blob).then(|| self.blobs.size(blob))?
+    }
+
+    /// Whether a blob is public, kept or not.
+    pub fn is_public(&self, blob: &Digest) -> bool {
+        self.gathered.disclosed.access(blob) == BlobAccess::Public
     }
 
     /// The blobs beside the ledger.
@@ -210,7 +214,7 @@ impl Publication {
                 tiles::read(&self.store, self.checkpoint.size, tile)?.map(Content::Bytes)
             }
             Resource::Blob(digest) => {
-                if self.gathered.disclosed.access(digest) != BlobAccess::Public {
+                if !self.is_public(digest) {
                     return Ok(None);
                 }
                 match self.blobs.file(digest) {

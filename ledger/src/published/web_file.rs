@@ -34,17 +34,17 @@ pub(super) struct WebFile {
 pub(super) enum WebError {
     #[error(transparent)]
     Http(#[from] HttpError),
-    #[error("the server answers with status {status}{said}")]
+    #[error("the server answers with status {status}{reported}")]
     Status {
         status: u16,
-        said: String,
+        reported: String,
         again: Option<Duration>,
     },
     #[error("the answer ends after {0} bytes, before the end of the file")]
     Early(u64),
     #[error("the server was asked for the bytes from {at} on, and answers with others: {answer}")]
     OtherBytes { at: u64, answer: String },
-    #[error("the file had {before} bytes, and now the server says {now}")]
+    #[error("the file had {before} bytes, and now the server states {now}")]
     OtherLength { before: u64, now: u64 },
     #[error("the server has this file no more")]
     Gone,
@@ -234,13 +234,13 @@ fn length_of(range: &str, at: u64, sent: Option<u64>) -> Option<u64> {
 /// A server's text instead of a file, which helps if the port speaks TLS.
 fn refusal(status: u16, mut response: Response<Body>) -> WebError {
     let again = header(&response, "retry-after").and_then(|seconds| seconds.parse().ok());
-    let said = response.body_mut().with_config().limit(MAX_REASON_BYTES);
-    let said = said.read_to_string().unwrap_or_default();
+    let reported = response.body_mut().with_config().limit(MAX_REASON_BYTES);
+    let reported = reported.read_to_string().unwrap_or_default();
     WebError::Status {
         status,
-        said: match said.trim() {
+        reported: match reported.trim() {
             "" => String::new(),
-            said => format!(": {}", short(said)),
+            reported => format!(": {}", short(reported)),
         },
         again: again.map(Duration::from_secs),
     }

@@ -24,7 +24,7 @@ pub const ENTRIES: usize = 64;
 pub const STOPPED: i32 = 3;
 
 /// Writes the line to standard output at once. It uses `writev`, which a ledger does not use, so that the tests can tell it apart.
-fn say(line: String) {
+fn tell(line: String) {
     let stdout = std::io::stdout();
     let file = std::fs::File::from(stdout.as_fd().try_clone_to_owned().unwrap());
     let line = format!("{line}\n");
@@ -36,7 +36,7 @@ fn say(line: String) {
 
 fn acknowledge(receipt: &Receipt) {
     let receipt = borsh::to_vec(receipt).unwrap();
-    say(format!("acknowledged {}", hex::encode(receipt)));
+    tell(format!("acknowledged {}", hex::encode(receipt)));
 }
 
 /// This is not a test of its own. The child processes of other tests run it. It runs the whole scenario in the folder that the environment
@@ -48,17 +48,17 @@ fn the_scenario() {
         return;
     };
     // The test harness prints before this, so the word is on a line of its own.
-    say("\nbegun".into());
+    tell("\nbegun".into());
     match scenario(Path::new(&dir)) {
         Ok(()) => std::process::exit(0),
         Err(error) => {
-            say(format!("failed {error}"));
+            tell(format!("failed {error}"));
             std::process::exit(STOPPED)
         }
     }
 }
 
-/// After a failed write, the ledger must not write again, and it has to say so.
+/// After a failed write, the ledger must not write again, and it has to state it.
 fn attempt(
     ledger: &mut Ledger,
     append: impl Fn(&mut Ledger) -> Result<Vec<Receipt>, LedgerError>,
@@ -74,7 +74,7 @@ fn attempt(
             if ledger.size() == before {
                 match append(ledger) {
                     Err(LedgerError::Poisoned) => {}
-                    other => say(format!("NOT POISONED by {error}: {other:?}")),
+                    other => tell(format!("NOT POISONED by {error}: {other:?}")),
                 }
             }
             Err(error)
@@ -96,7 +96,7 @@ fn cosign(dir: &Path, checkpoint: &[u8]) -> Result<(), AddError> {
         checkpoint: checkpoint.to_vec(),
     };
     witness(dir)?.add(&request.encode(), T0 / 1000)?;
-    say("cosigned".into());
+    tell("cosigned".into());
     Ok(())
 }
 
@@ -127,7 +127,7 @@ fn scenario(dir: &Path) -> Result<(), LedgerError> {
         )
     })?;
     let digest = ledger.blobs().put(&[7; 200_000])?;
-    say(format!("blob {digest}"));
+    tell(format!("blob {digest}"));
     cosign(dir, ledger.checkpoint()).map_err(|error| match error {
         AddError::Failed(WitnessError::Io { path, error }) => LedgerError::Io { path, error },
         other => panic!("{other}"),
@@ -188,7 +188,7 @@ pub fn scratch() -> tempfile::TempDir {
     }
 }
 
-/// What a child said.
+/// What a child stated.
 #[derive(Debug, Default)]
 pub struct Said {
     /// Whether the program got as far as the scenario.
@@ -199,34 +199,35 @@ pub struct Said {
     pub cosigned: bool,
 }
 
-/// Reads what a child said. Its last line may be incomplete.
-pub fn said(stdout: &[u8]) -> Said {
-    let mut said = Said::default();
+/// Reads what a child stated. Its last line may be incomplete.
+pub fn reported(stdout: &[u8]) -> Said {
+    let mut reported = Said::default();
     for line in String::from_utf8_lossy(stdout).split_inclusive('\n') {
         assert!(!line.contains("NOT POISONED"), "{line}");
         let Some(line) = line.strip_suffix('\n') else {
             continue;
         };
-        said.begun |= line == "begun";
-        said.cosigned |= line == "cosigned";
+        reported.begun |= line == "begun";
+        reported.cosigned |= line == "cosigned";
         if let Some(receipt) = line.strip_prefix("acknowledged ") {
-            said.receipts
+            reported
+                .receipts
                 .push(borsh::from_slice(&hex::decode(receipt).unwrap()).unwrap());
         } else if let Some(digest) = line.strip_prefix("blob ") {
-            said.blobs.push(digest.parse().unwrap());
+            reported.blobs.push(digest.parse().unwrap());
         }
     }
-    said
+    reported
 }
 
 /// Checks a folder that a writer left behind: all that it acknowledged is there, what it signed is one history, and another
 /// writer goes on with it. Returns how many entries there are.
-pub fn check(dir: &Path, said: &Said, when: &str) -> u64 {
+pub fn check(dir: &Path, reported: &Said, when: &str) -> u64 {
     let published = std::fs::read(dir.join("checkpoint")).ok();
     let mut ledger = match Ledger::open(dir, None, log_key()) {
         Ok(ledger) => ledger,
         // Nothing was acknowledged. Then the folder need not hold a ledger, but one can be founded there.
-        Err(error) if said.receipts.is_empty() && published.is_none() => {
+        Err(error) if reported.receipts.is_empty() && published.is_none() => {
             match Ledger::create(dir, genesis(), log_key(), T0) {
                 Ok((ledger, _)) => ledger,
                 Err(again) => panic!("{when}: {error}, and it cannot be founded again: {again}"),
@@ -234,7 +235,7 @@ pub fn check(dir: &Path, said: &Said, when: &str) -> u64 {
         }
         Err(error) => panic!("{when}: {error}"),
     };
-    for receipt in &said.receipts {
+    for receipt in &reported.receipts {
         let (_, entry) = receipt.verify(&genesis().log_key, &genesis().name).unwrap();
         assert_eq!(ledger.entry(receipt.index).unwrap(), entry, "{when}");
         assert_eq!(
@@ -250,10 +251,10 @@ pub fn check(dir: &Path, said: &Said, when: &str) -> u64 {
         let receipt = ledger.receipt_at(signed.size, covered).unwrap();
         assert_eq!(receipt.checkpoint, text, "{when}");
     }
-    for digest in &said.blobs {
+    for digest in &reported.blobs {
         Blobs::at(dir).check(digest).unwrap();
     }
-    if said.cosigned {
+    if reported.cosigned {
         let witness = witness(dir).unwrap_or_else(|error| panic!("{when}: {error}"));
         let last = witness.last(&hash(ORIGIN)).unwrap();
         assert!(

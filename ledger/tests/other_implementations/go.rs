@@ -1,5 +1,5 @@
 //! Go's `sumdb/note` and `sumdb/tlog` verify our checkpoints, cosignatures and proofs (Debian: `golang-go golang-golang-x-mod-dev`). If
-//! they are not installed, the test says so and passes.
+//! they are not installed, the test states it and passes.
 
 use crate::network::log::log_vkey;
 use crate::network::*;
@@ -78,10 +78,10 @@ fn go_verifies_what_we_sign() {
         let (witnessed, _) = proof.verify(&log_vkey(), &policy).unwrap();
         let text = proof.encode();
         let verified = go(&text);
-        let said = String::from_utf8(verified.stdout).unwrap();
+        let reported = String::from_utf8(verified.stdout).unwrap();
         let root = witnessed.checkpoint.root;
         assert_eq!(
-            said,
+            reported,
             format!("2 signatures, entry {index} of 13, root {root}\n")
         );
         // Go refuses what our code refuses.
@@ -92,11 +92,11 @@ fn go_verifies_what_we_sign() {
                 .is_ok_and(|proof| proof.verify(&log_vkey(), &policy).is_ok());
             assert!(!ours);
             let theirs = go(&changed);
-            let said = String::from_utf8_lossy(&theirs.stdout).into_owned();
+            let reported = String::from_utf8_lossy(&theirs.stdout).into_owned();
             // Go accepts a checkpoint with one known signature of the two.
             assert!(
-                !theirs.status.success() || said.starts_with("1 signatures"),
-                "byte {position}: {said}"
+                !theirs.status.success() || reported.starts_with("1 signatures"),
+                "byte {position}: {reported}"
             );
         }
     }

@@ -68,7 +68,7 @@ impl PolicyFolder {
                 &self.folder,
                 format!(
                     "{PREPROCESSOR} normalises `{}` by `{}`, and {POSTPROCESSOR} brings it back by `{}`: LeRobot trains on other actions \
-                     than it gives to the robot; make both files say the same",
+                     than it gives to the robot; make both files tell the same",
                     ACTION.name,
                     trained.name(),
                     action.name()
@@ -85,7 +85,7 @@ impl PolicyFolder {
         feature: &Normalised,
         pipeline: &str,
     ) -> Result<Normalisation> {
-        let said = match steps.map(|steps| &steps.normalizer) {
+        let reported = match steps.map(|steps| &steps.normalizer) {
             None => None,
             // LeRobot follows the steps, and none normalises.
             Some(None) => Some(Normalisation::Identity),
@@ -93,7 +93,7 @@ impl PolicyFolder {
                 .mode(feature.name, feature.kind)
                 .map_err(|e| e.within(&self.folder.join(pipeline)))?,
         };
-        match said {
+        match reported {
             Some(mode) => Ok(mode),
             None => self
                 .config

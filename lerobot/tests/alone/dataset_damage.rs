@@ -273,7 +273,7 @@ fn read_damaged_pictures() {
     }
 }
 
-/// LeRobot's Pillow refuses such a profile. It says nothing about the pixels that are stored.
+/// LeRobot's Pillow refuses such a profile. It states nothing about the pixels that are stored.
 #[test]
 fn a_colour_profile_is_not_unpacked() {
     let _alone = alone();

@@ -129,7 +129,7 @@ fn pictures_that_lerobot_gives_in_another_form_are_refused() {
     let text = fs::read_to_string(fixtures().join("pictures/odd.json")).unwrap();
     let lerobot: BTreeMap<String, String> = serde_json::from_str(&text).unwrap();
     let fine = "torch.float32 [3, 24, 40]";
-    // What LeRobot gives, and what is said here. A policy takes three channels of one size.
+    // What LeRobot gives, and what is stated here. A policy takes three channels of one size.
     let cases = [
         ("alpha.png", "torch.float32 [4, 24, 40]", "is Rgba, not RGB"),
         (
@@ -158,7 +158,7 @@ fn pictures_that_lerobot_gives_in_another_form_are_refused() {
         (
             "small.png",
             "torch.float32 [3, 20, 20]",
-            "20 x 20 (height x width), meta/info.json says 24 x 40",
+            "20 x 20 (height x width), meta/info.json states 24 x 40",
         ),
         (
             "turned.jpg",

@@ -102,7 +102,7 @@ fn repaired(copy: &Copy, like: &str, file: &str, rows: usize, first: usize) {
 
 #[test]
 fn frames_stored_twice_are_read_once() {
-    // LeRobot meets such recordings (issue 1875). `faults.json` says that LeRobot never reads the second half.
+    // LeRobot meets such recordings (issue 1875). `faults.json` states that LeRobot never reads the second half.
     let dataset = open("so100_stacking_doubled");
     assert_eq!(motion(&dataset), motion(&open("so100_stacking")));
     let [repair @ Repair::RepeatedRows {

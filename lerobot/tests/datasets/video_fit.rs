@@ -276,7 +276,7 @@ fn rows_are_found_whatever_their_files_are_called() {
 #[test]
 fn statistics_of_v21_without_a_count_are_those_of_the_episodes_length() {
     let whole = open("so100_pickplace_v21");
-    // LeRobot writes a list of one number. The number alone says the same.
+    // LeRobot writes a list of one number. The number alone states the same.
     for keep in [false, true] {
         let copy = Copy::of("so100_pickplace_v21");
         copy.edit("meta/episodes_stats.jsonl", |bytes| {

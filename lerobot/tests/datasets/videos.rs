@@ -42,7 +42,7 @@ fn videos_that_are_cut_or_no_videos() {
     copy.edit_text(INFO, "                96", "                97");
     copy.fails(
         TOP,
-        "96 x 128 (height x width), meta/info.json says 97 x 128",
+        "96 x 128 (height x width), meta/info.json states 97 x 128",
     );
 }
 

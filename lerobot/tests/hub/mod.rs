@@ -40,7 +40,7 @@ struct Manners {
     spaces: usize,
     /// Lists this file as well.
     extra: Option<&'static str>,
-    /// Sends every file without its second half, and says that this is all.
+    /// Sends every file without its second half, and states that this is all.
     halves: bool,
 }
 
@@ -330,7 +330,7 @@ fn files_that_are_not_whole_are_never_used() {
     hub.manners.lock().unwrap().cuts = 0;
     is_whole(&get(&options).unwrap(), "so101_pickplace");
 
-    // The server sends short files and says that they are whole.
+    // The server sends short files and states that they are whole.
     let manners = Manners {
         halves: true,
         ..Manners::default()

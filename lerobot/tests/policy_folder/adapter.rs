@@ -81,12 +81,12 @@ fn sums_that_are_not_finite_are_named() {
         }
     }
     fs::write(&path, file_of(&file, pytorch())).unwrap();
-    let said = PolicyFolder::open(folder.path())
+    let reported = PolicyFolder::open(folder.path())
         .unwrap()
         .tensor(STATE_PROJ)
         .unwrap_err()
         .to_string();
-    assert!(said.contains(STATE_PROJ), "{said}");
+    assert!(reported.contains(STATE_PROJ), "{reported}");
 }
 
 #[test]
@@ -142,20 +142,20 @@ fn adapters_of_other_kinds_are_refused_by_name() {
     ] {
         let folder = adapter(base.path());
         set(folder.path(), key, value);
-        let said = PolicyFolder::open(folder.path()).unwrap_err().to_string();
-        assert!(said.contains(&format!("`{key}` is")), "{said}");
-        assert!(said.contains(CONFIG), "{said}");
+        let reported = PolicyFolder::open(folder.path()).unwrap_err().to_string();
+        assert!(reported.contains(&format!("`{key}` is")), "{reported}");
+        assert!(reported.contains(CONFIG), "{reported}");
     }
     // A rank that is not the file's.
     let folder = adapter(base.path());
     set(folder.path(), "r", 3.into());
-    let said = PolicyFolder::open(folder.path())
+    let reported = PolicyFolder::open(folder.path())
         .unwrap()
         .tensors()
         .unwrap_err();
     assert!(
-        said.to_string().contains("adapter_model.safetensors"),
-        "{said}"
+        reported.to_string().contains("adapter_model.safetensors"),
+        "{reported}"
     );
     // A matrix that the policy does not have.
     let path = folder.path().join("adapter_model.safetensors");
@@ -173,8 +173,8 @@ fn adapters_of_other_kinds_are_refused_by_name() {
         let mut file = file.clone();
         file.insert(name.into(), strange.clone());
         fs::write(&path, file_of(&file, pytorch())).unwrap();
-        let said = PolicyFolder::open(folder.path()).unwrap_err().to_string();
-        assert!(said.contains(module), "{said}");
+        let reported = PolicyFolder::open(folder.path()).unwrap_err().to_string();
+        assert!(reported.contains(module), "{reported}");
     }
 }
 
@@ -199,9 +199,9 @@ fn a_base_without_a_name_is_not_looked_for_where_the_command_runs() {
         alone(name, &["env", &here]);
         return;
     }
-    let said = PolicyFolder::open(adapter(Path::new("")).path()).unwrap_err();
+    let reported = PolicyFolder::open(adapter(Path::new("")).path()).unwrap_err();
     assert!(
-        said.to_string().contains("adapter of the policy ``"),
-        "{said}"
+        reported.to_string().contains("adapter of the policy ``"),
+        "{reported}"
     );
 }

@@ -117,10 +117,10 @@ fn the_published_vlm_is_known_by_its_name() {
         assert_eq!(config.dims.text.layers, 32);
     }
     let unknown = LeRobotConfig::parse(&text("policy_config.json"), None).unwrap_err();
-    let said = unknown.to_string();
+    let reported = unknown.to_string();
     assert!(
-        said.contains("`local-tiny`") && said.contains("vlm_config.json"),
-        "{said}"
+        reported.contains("`local-tiny`") && reported.contains("vlm_config.json"),
+        "{reported}"
     );
 }
 

@@ -89,12 +89,12 @@ fn faults_are_named_with_their_file() {
             "missing field `steps`",
         ),
     ];
-    for (said, expected) in cases {
-        assert!(said.contains(expected), "{said}: lacks {expected}");
+    for (reported, expected) in cases {
+        assert!(reported.contains(expected), "{reported}: lacks {expected}");
         let named = ["model.safetensors", "config.json", "processor.json"]
             .iter()
-            .any(|file| said.contains(file));
-        assert!(named, "{said}: names no file");
+            .any(|file| reported.contains(file));
+        assert!(named, "{reported}: names no file");
     }
     let error = PolicyFolder::open("no such folder").unwrap_err();
     assert!(error
@@ -110,8 +110,8 @@ fn a_weights_file_cut_anywhere_or_with_a_lying_header_is_refused() {
         refusal(|folder| fs::write(folder.join("model.safetensors"), bytes).unwrap())
     };
     for length in [0, 7, 8, 100, 8 + header, whole.len() / 2, whole.len() - 1] {
-        let said = with(&whole[..length]);
-        assert!(said.contains("truncated"), "{length}: {said}");
+        let reported = with(&whole[..length]);
+        assert!(reported.contains("truncated"), "{length}: {reported}");
     }
     let longer = [whole.as_slice(), &[0]].concat();
     assert!(with(&longer).contains("followed by other bytes"));
@@ -128,6 +128,9 @@ fn numbers_that_are_not_finite_are_named() {
     tensors.get_mut(NORM).unwrap().2[4..6].copy_from_slice(&bf16::NAN.to_le_bytes());
     let source = folder(&tensors);
     let opened = PolicyFolder::open(source.path()).unwrap();
-    let said = opened.tensors().unwrap_err().to_string();
-    assert!(said.contains(NORM) && said.contains("element 2"), "{said}");
+    let reported = opened.tensors().unwrap_err().to_string();
+    assert!(
+        reported.contains(NORM) && reported.contains("element 2"),
+        "{reported}"
+    );
 }

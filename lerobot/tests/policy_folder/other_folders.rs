@@ -25,22 +25,22 @@ fn a_checkpoint_of_a_run_names_the_folder_of_its_policy() {
         run.path().to_path_buf(),
         run.path().join("checkpoints/last"),
     ] {
-        let said = refusal(&place);
+        let reported = refusal(&place);
         assert!(
-            said.contains(&format!("name {}", policy.display())),
-            "{said}"
+            reported.contains(&format!("name {}", policy.display())),
+            "{reported}"
         );
     }
 }
 
 #[test]
 fn an_adapter_without_its_base_is_called_one() {
-    let said = refusal(&fixtures().join("policy_processors/lora_adapter"));
+    let reported = refusal(&fixtures().join("policy_processors/lora_adapter"));
     assert!(
-        said.contains("a LoRA adapter of the policy `zk0/base`"),
-        "{said}"
+        reported.contains("a LoRA adapter of the policy `zk0/base`"),
+        "{reported}"
     );
-    assert!(said.contains("`hf download zk0/base`"), "{said}");
+    assert!(reported.contains("`hf download zk0/base`"), "{reported}");
 }
 
 #[test]
@@ -50,9 +50,12 @@ fn weights_of_a_compiled_module_are_named_by_their_prefix() {
             .into_iter()
             .map(|(name, tensor)| (name.replacen("model.", prefixed, 1), tensor))
             .collect();
-        let said = refusal(folder(&tensors).path());
-        assert!(said.contains("`_orig_mod.` is in their names"), "{said}");
-        assert!(said.contains("random weights"), "{said}");
+        let reported = refusal(folder(&tensors).path());
+        assert!(
+            reported.contains("`_orig_mod.` is in their names"),
+            "{reported}"
+        );
+        assert!(reported.contains("random weights"), "{reported}");
     }
 }
 
@@ -90,13 +93,13 @@ fn a_pointer_of_git_lfs_is_called_one_whatever_it_stands_for() {
     for file in [INFO, STATS, TOP].into_iter().chain(tables) {
         let recording = Copy::default();
         recording.edit(file, |_| pointer.clone());
-        let said = recording.error().to_string();
-        assert!(said.contains(file), "{said}");
-        all.push(said);
+        let reported = recording.error().to_string();
+        assert!(reported.contains(file), "{reported}");
+        all.push(reported);
     }
-    for said in all {
-        assert!(said.contains("is a Git LFS pointer"), "{said}");
-        assert!(said.contains("`git lfs pull`"), "{said}");
-        assert!(!said.contains("damaged"), "{said}");
+    for reported in all {
+        assert!(reported.contains("is a Git LFS pointer"), "{reported}");
+        assert!(reported.contains("`git lfs pull`"), "{reported}");
+        assert!(!reported.contains("damaged"), "{reported}");
     }
 }

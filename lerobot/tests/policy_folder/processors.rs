@@ -39,7 +39,7 @@ fn open(folder: &tempfile::TempDir) -> PolicyFolder {
     PolicyFolder::open(folder.path()).unwrap()
 }
 
-/// What is said of a folder whose pipeline was changed.
+/// What is stated of a folder whose pipeline was changed.
 fn refusal(pipeline: &str, change: impl FnOnce(&mut Vec<Value>)) -> String {
     let folder = case("map_in_order");
     edit(folder.path(), pipeline, change);
@@ -120,12 +120,15 @@ fn a_map_of_something_else_than_cameras_is_refused() {
         ("top", "observation.images.camera1"),
         ("observation.images.top", "camera1"),
     ] {
-        let said = refusal(PREPROCESSOR, |steps| {
+        let reported = refusal(PREPROCESSOR, |steps| {
             let rename = step(steps, "rename_observations_processor");
             rename["config"]["rename_map"] = json!({old: new});
         });
-        assert!(said.contains(PREPROCESSOR), "{said}");
-        assert!(said.contains(&format!("`{old}` to `{new}`")), "{said}");
+        assert!(reported.contains(PREPROCESSOR), "{reported}");
+        assert!(
+            reported.contains(&format!("`{old}` to `{new}`")),
+            "{reported}"
+        );
     }
 }
 
@@ -169,22 +172,28 @@ fn pipelines_that_disagree_about_actions_are_refused() {
     let identity = |steps: &mut Vec<Value>| {
         step(steps, "unnormalizer_processor")["config"]["norm_map"]["ACTION"] = "IDENTITY".into();
     };
-    for said in [
+    for reported in [
         refusal(POSTPROCESSOR, identity),
         refusal(POSTPROCESSOR, |steps| drop(steps.remove(0))),
     ] {
-        assert!(said.contains("normalises `action` by `MEAN_STD`"), "{said}");
-        assert!(said.contains("brings it back by `IDENTITY`"), "{said}");
+        assert!(
+            reported.contains("normalises `action` by `MEAN_STD`"),
+            "{reported}"
+        );
+        assert!(
+            reported.contains("brings it back by `IDENTITY`"),
+            "{reported}"
+        );
     }
 }
 
 #[test]
 fn actions_relative_to_the_state_are_refused_where_they_are_enabled() {
     let folder = case("relative_actions");
-    let said = PolicyFolder::open(folder.path()).unwrap_err().to_string();
+    let reported = PolicyFolder::open(folder.path()).unwrap_err().to_string();
     assert!(
-        said.contains("`relative_actions_processor` is enabled"),
-        "{said}"
+        reported.contains("`relative_actions_processor` is enabled"),
+        "{reported}"
     );
     let off = |name: &'static str| {
         move |steps: &mut Vec<Value>| {
@@ -196,10 +205,10 @@ fn actions_relative_to_the_state_are_refused_where_they_are_enabled() {
         PREPROCESSOR,
         off("relative_actions_processor"),
     );
-    let said = PolicyFolder::open(folder.path()).unwrap_err().to_string();
+    let reported = PolicyFolder::open(folder.path()).unwrap_err().to_string();
     assert!(
-        said.contains("`absolute_actions_processor` is enabled"),
-        "{said}"
+        reported.contains("`absolute_actions_processor` is enabled"),
+        "{reported}"
     );
     edit(
         folder.path(),
@@ -218,7 +227,7 @@ fn what_a_step_asks_for_and_zk0_cannot_do_is_refused_by_name() {
     };
     let normalizer = "normalizer_processor";
     let tokenizer = "tokenizer_processor";
-    for (said, expected) in [
+    for (reported, expected) in [
         (
             refusal(PREPROCESSOR, |steps| {
                 steps.insert(
@@ -270,8 +279,8 @@ fn what_a_step_asks_for_and_zk0_cannot_do_is_refused_by_name() {
             "`bfloat16`",
         ),
     ] {
-        assert!(said.contains(expected), "{said}: lacks {expected}");
-        assert!(said.contains(PREPROCESSOR), "{said}");
+        assert!(reported.contains(expected), "{reported}: lacks {expected}");
+        assert!(reported.contains(PREPROCESSOR), "{reported}");
     }
 }
 
@@ -300,19 +309,22 @@ fn the_tokenizer_that_the_step_names_comes_from_the_hubs_cache() {
 
     let empty = tempfile::tempdir().unwrap();
     for cache in [None, Some(empty.path())] {
-        let said = opened.tokenizer_file(cache).unwrap_err().to_string();
+        let reported = opened.tokenizer_file(cache).unwrap_err().to_string();
         assert!(
-            said.contains("`hf download zk0/tiny tokenizer.json`"),
-            "{said}"
+            reported.contains("`hf download zk0/tiny tokenizer.json`"),
+            "{reported}"
         );
-        assert!(said.contains(PREPROCESSOR), "{said}");
+        assert!(reported.contains(PREPROCESSOR), "{reported}");
     }
     // LeRobot 0.3 took the name from the configuration.
     for pipeline in [PREPROCESSOR, POSTPROCESSOR] {
         fs::remove_file(folder.path().join(pipeline)).unwrap();
     }
-    let said = open(&folder).tokenizer_file(None).unwrap_err().to_string();
-    assert!(said.contains("config.json names the tokenizer"), "{said}");
+    let reported = open(&folder).tokenizer_file(None).unwrap_err().to_string();
+    assert!(
+        reported.contains("config.json names the tokenizer"),
+        "{reported}"
+    );
     // The folder's own file comes first, and a name may be that of a folder.
     let own = folder.path().join("tokenizer.json");
     fs::write(&own, "{}").unwrap();
@@ -334,8 +346,8 @@ fn a_policy_whose_statistics_are_named_by_recording_is_not_handed_on_without() {
     let folder = case("statistics_by_recording");
     let opened = open(&folder);
     assert_eq!(opened.stats().unwrap(), None);
-    let said = opened.check_has_statistics().unwrap_err().to_string();
-    assert!(said.contains("`so100.buffer.action`"), "{said}");
+    let reported = opened.check_has_statistics().unwrap_err().to_string();
+    assert!(reported.contains("`so100.buffer.action`"), "{reported}");
     let recorded = Dataset::open(fixtures().join("datasets/so100_pickplace")).unwrap();
     let out = tempfile::tempdir().unwrap();
     opened

@@ -19,8 +19,8 @@ fn statistics_come_from_the_processors() {
     let path = source.path().join("policy_preprocessor.json");
     let json = fs::read_to_string(&path).unwrap();
     fs::write(&path, json.replace("pre.safetensors", "../pre.safetensors")).unwrap();
-    let said = read().unwrap_err().to_string();
-    assert!(said.contains("same folder"), "{said}");
+    let reported = read().unwrap_err().to_string();
+    assert!(reported.contains("same folder"), "{reported}");
     let without = json.replace(", \"state_file\": \"pre.safetensors\"", "");
     fs::write(&path, without).unwrap();
     assert!(read().unwrap().is_none());
@@ -32,10 +32,10 @@ fn statistics_come_from_the_processors() {
     ]);
     let bytes = file_of(&wrong, HashMap::new());
     fs::write(source.path().join("pre.safetensors"), bytes).unwrap();
-    let said = read().unwrap_err().to_string();
+    let reported = read().unwrap_err().to_string();
     assert!(
-        said.contains("pre.safetensors") && said.contains("[5]"),
-        "{said}"
+        reported.contains("pre.safetensors") && reported.contains("[5]"),
+        "{reported}"
     );
 
     let config = source.path().join("config.json");

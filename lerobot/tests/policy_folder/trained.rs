@@ -218,16 +218,16 @@ fn a_folder_that_cannot_take_statistics_is_refused_before_anything_is_written() 
         let opened = PolicyFolder::open(source.path()).unwrap();
         let to = out.path().join("new");
         let error = opened.write_trained(&to, &TensorSet::new(), stats, Precision::Kept);
-        let said = error.unwrap_err().to_string();
-        assert_eq!(opened.check_takes(stats).unwrap_err().to_string(), said);
+        let reported = error.unwrap_err().to_string();
+        assert_eq!(opened.check_takes(stats).unwrap_err().to_string(), reported);
         assert!(!to.exists());
-        said
+        reported
     };
     let refused = || refused_with(&recording());
     let mut wide = recording();
     wide.action = Normalizer::identity(7).unwrap();
-    let said = refused_with(&wide);
-    assert!(said.contains("`action` have 7"), "{said}");
+    let reported = refused_with(&wide);
+    assert!(reported.contains("`action` have 7"), "{reported}");
 
     let path = source.path().join("policy_preprocessor.json");
     let json = fs::read_to_string(&path).unwrap();
@@ -242,16 +242,16 @@ fn a_folder_that_cannot_take_statistics_is_refused_before_anything_is_written() 
         ("pre.safetensors", "none.safetensors", "none.safetensors"),
     ] {
         fs::write(&path, json.replacen(replaced, by, 1)).unwrap();
-        let said = refused();
-        assert!(said.contains(expected), "{said}");
+        let reported = refused();
+        assert!(reported.contains(expected), "{reported}");
     }
     fs::write(&path, &json).unwrap();
     let config = source.path().join("config.json");
     let json = fs::read_to_string(&config).unwrap();
     fs::write(&config, json.replace("MEAN_STD", "MIN_MAX")).unwrap();
-    let said = refused();
+    let reported = refused();
     assert!(
-        said.contains("config.json") && said.contains("MIN_MAX"),
-        "{said}"
+        reported.contains("config.json") && reported.contains("MIN_MAX"),
+        "{reported}"
     );
 }

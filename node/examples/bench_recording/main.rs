@@ -241,7 +241,7 @@ fn measure(work: &Work, dir: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Says how far a measurement is, and how much memory it has taken so far.
+/// States how far a measurement is, and how much memory it has taken so far.
 struct Phases<'a> {
     begin: Instant,
     name: &'a str,

@@ -24,14 +24,16 @@ impl NodeClient {
 
     /// The newest published checkpoint, with the log's signature verified.
     pub async fn checkpoint(&mut self) -> Result<Checkpoint, NodeError> {
+        Ok(self.signed_checkpoint().await?.0)
+    }
+
+    /// The same, with the note that the log has signed.
+    pub async fn signed_checkpoint(&mut self) -> Result<(Checkpoint, String), NodeError> {
         let info = self.client.get_network(rpc::GetNetworkRequest {}).await;
         let note = info?.into_inner().checkpoint;
         let genesis = self.genesis();
-        Ok(Checkpoint::open(
-            note.as_bytes(),
-            genesis.origin(),
-            &genesis.log_key,
-        )?)
+        let checkpoint = Checkpoint::open(note.as_bytes(), genesis.origin(), &genesis.log_key)?;
+        Ok((checkpoint, note))
     }
 
     /// Waits until the last round has come further. The first call returns at once.

@@ -114,14 +114,14 @@ impl StoreClient {
         if answer.status().is_success() {
             return Ok(());
         }
-        let mut said = Vec::new();
+        let mut reported = Vec::new();
         let _ = answer
             .body_mut()
             .as_reader()
             .take(MAX_ANSWER_BYTES)
-            .read_to_end(&mut said);
-        let said = one_line(&String::from_utf8_lossy(&said));
-        let why = format!("{} {said}", answer.status());
+            .read_to_end(&mut reported);
+        let reported = one_line(&String::from_utf8_lossy(&reported));
+        let why = format!("{} {reported}", answer.status());
         Err(StoredUpdateError::Refused { host, why })
     }
 

@@ -6,13 +6,14 @@ use std::error::Error as _;
 use std::time::Duration;
 use tokio::time::{sleep, Instant};
 use tonic::{Code, Status};
+use zk0_protocol::growing_waits::GrowingWaits;
 use zk0_protocol::rpc::federation::turned_down::Remedy;
 use zk0_protocol::rpc::federation::TurnedDown;
 
-const FIRST: Duration = Duration::from_secs(1);
-/// Each further wait may be longer by this factor, up to the longest.
-const GROWTH: f64 = 1.5;
-const LONGEST: Duration = Duration::from_secs(60);
+const WAITS: GrowingWaits = GrowingWaits {
+    first: Duration::from_secs(1),
+    longest: Duration::from_secs(60),
+};
 
 /// The longest wait that an aggregator can ask for.
 const MOST_TOLD: Duration = Duration::from_secs(60);
@@ -49,7 +50,7 @@ impl Waits {
 
     /// Waits a moment after something has ended as it should.
     pub async fn shortly(&mut self) {
-        let pause = wait(self.attempt, random(), Duration::ZERO);
+        let pause = WAITS.wait(self.attempt, random(), Duration::ZERO);
         self.attempt = self.attempt.saturating_add(1);
         sleep(pause).await;
     }
@@ -71,7 +72,7 @@ impl Waits {
         waited: Duration,
         limit: Option<Duration>,
     ) -> Option<Duration> {
-        let pause = wait(self.attempt, random(), told(failure));
+        let pause = WAITS.wait(self.attempt, random(), told(failure));
         let too_long = limit.is_some_and(|limit| waited + pause > limit);
         if too_long || !may_pass(failure) {
             return None;
@@ -84,15 +85,6 @@ impl Waits {
 /// Without a random number, the wait is the longest.
 fn random() -> u32 {
     getrandom::u32().unwrap_or(u32::MAX)
-}
-
-/// The wait before an attempt, counted from 0. `random` draws it between half and the whole of a time that grows with the attempts. The
-/// half is at least `told`.
-fn wait(attempt: u32, random: u32, told: Duration) -> Duration {
-    let grown = FIRST.as_secs_f64() * GROWTH.powf(f64::from(attempt));
-    let grown = Duration::from_secs_f64(grown.min(LONGEST.as_secs_f64()));
-    let half = (grown / 2).max(told);
-    half + half.mul_f64(f64::from(random) / f64::from(u32::MAX))
 }
 
 /// Whether the same request may be granted later. The aggregator tells that when it turns a request down. Other failures come from the
@@ -135,25 +127,26 @@ mod tests {
 
     #[test]
     fn waits_grow_to_a_minute_and_are_drawn_between_half_and_whole() {
-        let bounds =
-            |attempt| [0, u32::MAX].map(|random| wait(attempt, random, NOTHING).as_millis() as u64);
+        let bounds = |attempt| {
+            [0, u32::MAX].map(|random| WAITS.wait(attempt, random, NOTHING).as_millis() as u64)
+        };
         assert_eq!(bounds(0), [500, 1000]);
         assert_eq!(bounds(1), [750, 1500]);
         assert_eq!(bounds(2), [1125, 2250]);
         for attempt in [11, 1000, u32::MAX] {
             assert_eq!(bounds(attempt), [30_000, 60_000]);
         }
-        let middle = wait(0, u32::MAX / 2, NOTHING);
+        let middle = WAITS.wait(0, u32::MAX / 2, NOTHING);
         assert!((749..=750).contains(&middle.as_millis()), "{middle:?}");
     }
 
     #[test]
     fn a_node_asks_no_sooner_than_it_was_told() {
         let told = Duration::from_secs(2);
-        assert_eq!(wait(0, 0, told), told);
-        assert_eq!(wait(0, u32::MAX, told), 2 * told);
+        assert_eq!(WAITS.wait(0, 0, told), told);
+        assert_eq!(WAITS.wait(0, u32::MAX, told), 2 * told);
         // Later waits are longer than that.
-        assert_eq!(wait(20, 0, told), Duration::from_secs(30));
+        assert_eq!(WAITS.wait(20, 0, told), Duration::from_secs(30));
         let details = |after_ms| TurnedDown {
             after_ms,
             ..TurnedDown::default()
@@ -197,7 +190,7 @@ mod tests {
         while let Some(pause) = waits.next(&away, waited, limit) {
             waited += pause;
         }
-        assert!(waited > FIRST && Some(waited) <= limit, "{waited:?}");
+        assert!(waited > WAITS.first && Some(waited) <= limit, "{waited:?}");
         let (mut waits, mut waited) = (Waits::default(), Duration::ZERO);
         for _ in 0..1000 {
             waited += waits.next(&away, waited, None).unwrap();
@@ -206,6 +199,6 @@ mod tests {
         assert_eq!(waits.next(&refused, waited, None), None);
         // An answer ends the waits.
         waits.end();
-        assert!(waits.next(&away, NOTHING, limit).unwrap() <= FIRST);
+        assert!(waits.next(&away, NOTHING, limit).unwrap() <= WAITS.first);
     }
 }

@@ -208,9 +208,12 @@ mod tests {
         ] {
             fs::write(&path, bytes).unwrap();
             let error = files.read(&KEY, &digest).unwrap_err();
-            let said = error.to_string();
-            assert!(said.contains(why) && said.contains("-"), "{said}");
-            assert!(said.contains(".sample is not what this node wrote there"));
+            let reported = error.to_string();
+            assert!(
+                reported.contains(why) && reported.contains("-"),
+                "{reported}"
+            );
+            assert!(reported.contains(".sample is not what this node wrote there"));
         }
         fs::remove_file(&path).unwrap();
         let error = files.read(&KEY, &digest).unwrap_err();

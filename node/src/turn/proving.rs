@@ -31,7 +31,7 @@ pub async fn have_proven(
     let (round, metrics) = (opened.round, node.metrics().clone());
     let input = Arc::new(input);
     let mut pause = FIRST_PAUSE;
-    let mut said: Option<String> = None;
+    let mut reported: Option<String> = None;
     loop {
         let mut taken = false;
         let progress = |event: rpc::Progress| {
@@ -56,7 +56,7 @@ pub async fn have_proven(
         };
         if taken {
             // The service worked meanwhile: this is another failure.
-            (pause, said) = (FIRST_PAUSE, None);
+            (pause, reported) = (FIRST_PAUSE, None);
         }
         // A further pause would end too late.
         if node.submissions_end_in(opened).await? <= pause {
@@ -65,14 +65,14 @@ pub async fn have_proven(
         }
         let why = error.to_string();
         metrics.asks_again(AskedService::Prover, why.clone());
-        match &said {
+        match &reported {
             None => tracing::warn!(
                 "round {round}: {why}. The node asks again while the round takes submissions, and goes on as soon as the service takes the claim"
             ),
             Some(before) if *before != why => tracing::info!("round {round}: no proof yet: {why}"),
             Some(_) => {}
         }
-        said = Some(why);
+        reported = Some(why);
         sleep(pause).await;
         pause = pause.saturating_mul(2).min(LONGEST_PAUSE);
     }

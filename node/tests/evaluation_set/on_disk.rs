@@ -100,7 +100,7 @@ fn a_damaged_sample_is_made_again_or_named() {
             1 => fs::write(path, &bytes[..50]).unwrap(),
             _ => fs::remove_file(path).unwrap(),
         }
-        // Without the recording the node says which file is damaged.
+        // Without the recording the node states which file is damaged.
         let error = input(&NothingMade).unwrap_err().to_string();
         assert!(error.contains("is made again"), "{error}");
         // With another recording in its place it does not prove what it did not commit to.

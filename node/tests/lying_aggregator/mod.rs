@@ -1,4 +1,4 @@
-//! A node believes nothing that an aggregator says of a round's randomness or of a proposal. The aggregator of these tests holds the log's
+//! A node believes nothing that an aggregator states of a round's randomness or of a proposal. The aggregator of these tests holds the log's
 //! key, and shows the node whatever a test makes up.
 
 mod asking_again;

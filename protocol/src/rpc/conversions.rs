@@ -13,6 +13,7 @@ impl From<Receipt> for wire::Receipt {
             // Checkpoints are text by their specification.
             checkpoint: String::from_utf8_lossy(&receipt.checkpoint).into_owned(),
             inclusion: receipt.proof.iter().map(|hash| hash.0.to_vec()).collect(),
+            not_cosigned: false,
         }
     }
 }
@@ -68,7 +69,7 @@ impl wire::status_info::Phase {
 
 impl wire::trouble::Kind {
     /// All kinds of trouble.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::Blocked,
         Self::Clock,
         Self::LogStore,
@@ -78,6 +79,7 @@ impl wire::trouble::Kind {
         Self::Beacon,
         Self::Overdue,
         Self::BlobStore,
+        Self::WitnessAway,
     ];
 
     /// How `zk0 status` and the metrics name it.
@@ -93,6 +95,7 @@ impl wire::trouble::Kind {
             Self::Beacon => "beacon",
             Self::Overdue => "overdue",
             Self::BlobStore => "blob_store",
+            Self::WitnessAway => "witness_away",
         }
     }
 }

@@ -101,7 +101,7 @@ fn nobody_commits_or_claims_between_the_closing_and_the_randomness() {
     chain.time_ms = chain.state.time_ms() - 1;
     let late = refused(chain.refusal(late));
     assert_eq!(late, RefusalCode::CommitmentsClosed { round: 0 });
-    // A claim is turned away, whatever it says, and nobody can have it refused on the ledger.
+    // A claim is turned away, whatever it states, and nobody can have it refused on the ledger.
     let mut ready = Chain {
         state: chain.state.clone(),
         time_ms: chain.time_ms,
@@ -147,7 +147,7 @@ fn a_round_without_randomness_closes_and_keeps_its_base() {
             ..
         }
     ));
-    // Nobody could answer, so nobody is said to have left a commitment unanswered.
+    // Nobody could answer, so nobody is stated to have left a commitment unanswered.
     assert!(closed(&chain.state, weights(4)).unanswered.is_empty());
     chain.apply(close(&chain));
     assert_eq!(chain.state.global(), &weights(4));
@@ -299,7 +299,7 @@ fn all_witnesses_cosign_the_closing_in_the_order_of_the_rules() {
         );
     }
     // A witness that signs at another second gives another value, and so does a signature with another nonce: this source does not
-    // resist its witnesses, as its documentation says.
+    // resist its witnesses, as its documentation states.
     let at = |time_s| Drawing::Witnesses(cosign(right, time_s)).value().unwrap();
     assert_eq!(at(5), at(5));
     assert_ne!(at(5), at(6));
@@ -415,7 +415,7 @@ fn the_order_and_the_times_of_commitments_do_not_matter() {
     };
     let one = closed_after([0, 1, 2], 1);
     assert_eq!(one, closed_after([2, 0, 1], 100));
-    // A commitment that is left out, or that says something else, changes everything.
+    // A commitment that is left out, or that states something else, changes everything.
     let mut fewer = Chain::in_round(3);
     for node in 0..2 {
         fewer.apply(committed(&fewer.state, node, weights(0x10 + node)));

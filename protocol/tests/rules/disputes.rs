@@ -43,7 +43,7 @@ fn resolved(dispute: u64, upheld: Option<RefusalCode>) -> Body {
     Body::DisputeResolved(DisputeResolved { dispute, upheld })
 }
 
-fn said(violation: RuleViolation) -> String {
+fn reported(violation: RuleViolation) -> String {
     match violation {
         RuleViolation::BadDispute { why, .. } => why,
         other => panic!("{other}"),
@@ -105,7 +105,7 @@ fn a_false_contribution_loses_its_credits_and_its_node_is_suspended() {
     assert!(chain.state.disputes().is_empty());
     // Nobody can dispute this contribution a second time.
     let again = disputed(&chain.state, 0, 11, Evidence::Verification);
-    assert!(said(chain.refusal(again)).contains("not an accepted contribution"));
+    assert!(reported(chain.refusal(again)).contains("not an accepted contribution"));
     chain.open();
 }
 
@@ -117,7 +117,7 @@ fn a_contribution_that_verifies_is_cleared() {
     assert_eq!(credits(&chain, 1), 100);
     assert_eq!(chain.state.node(&id(1)).unwrap().standing, Standing::Active);
     let again = disputed(&chain.state, 0, 11, Evidence::Verification);
-    assert!(said(chain.refusal(again)).contains("verified again already"));
+    assert!(reported(chain.refusal(again)).contains("verified again already"));
     // A dispute about a document is still possible.
     chain.apply(disputed(&chain.state, 0, 11, Evidence::Document(digest(1))));
 }
@@ -126,7 +126,7 @@ fn a_contribution_that_verifies_is_cleared() {
 fn what_a_document_says_is_decided_by_vote() {
     let mut chain = contributed();
     chain.apply(disputed(&chain.state, 0, 11, Evidence::Document(digest(1))));
-    assert!(said(chain.refusal(resolved(13, Some(invalid_proof())))).contains("a vote decides"));
+    assert!(reported(chain.refusal(resolved(13, Some(invalid_proof())))).contains("a vote decides"));
     chain.open();
     chain.close(weights(0x50));
     chain.decide(Action::JudgeDispute {
@@ -155,7 +155,7 @@ fn what_a_document_says_is_decided_by_vote() {
 fn disputes_are_raised_by_members_about_what_may_be_disputed() {
     let mut chain = contributed();
     let verification = Evidence::Verification;
-    let said_no = |chain: &mut Chain, body| said(chain.refusal(body));
+    let said_no = |chain: &mut Chain, body| reported(chain.refusal(body));
     for nothing in [0, 7, 9, 12, 99] {
         let body = disputed(&chain.state, 0, nothing, verification);
         assert!(said_no(&mut chain, body).contains("not an accepted contribution"));
@@ -202,7 +202,7 @@ fn one_dispute_each() {
     let mut chain = contributed();
     chain.apply(disputed(&chain.state, 0, 11, Evidence::Verification));
     let second = disputed(&chain.state, 0, 10, Evidence::Verification);
-    assert!(said(chain.refusal(second)).contains("has a dispute open already"));
+    assert!(reported(chain.refusal(second)).contains("has a dispute open already"));
 }
 
 #[test]
@@ -218,9 +218,11 @@ fn verification_says_what_only_blobs_can_tell_and_between_rounds() {
         },
         RefusalCode::Dataset,
     ] {
-        assert!(said(chain.refusal(resolved(13, Some(reason)))).contains("cannot be the result"));
+        assert!(
+            reported(chain.refusal(resolved(13, Some(reason)))).contains("cannot be the result")
+        );
     }
-    assert!(said(chain.refusal(resolved(11, None))).contains("not an open dispute"));
+    assert!(reported(chain.refusal(resolved(11, None))).contains("not an open dispute"));
     let mut chain = contributed();
     chain.open();
     chain.apply(disputed(&chain.state, 0, 11, Evidence::Verification));

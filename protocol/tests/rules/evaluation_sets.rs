@@ -110,7 +110,7 @@ fn a_registration_with_frames_that_were_not_drawn_is_refused_by_name() {
         registration.read_list(&list_bytes(&honest)).unwrap(),
         honest
     );
-    let said = |list: &[DrawnLeaf]| registration.read_list(&list_bytes(list)).unwrap_err();
+    let reported = |list: &[DrawnLeaf]| registration.read_list(&list_bytes(list)).unwrap_err();
 
     // A frame beside a drawn one, which the node likes better.
     let mut other = honest.clone();
@@ -121,7 +121,7 @@ fn a_registration_with_frames_that_were_not_drawn_is_refused_by_name() {
         listed,
         drawn,
     };
-    assert_eq!(said(&other), refused);
+    assert_eq!(reported(&other), refused);
     let text = refused.to_string();
     assert!(
         text.contains(&format!("frame {listed} stands at place 20"))
@@ -133,7 +133,7 @@ fn a_registration_with_frames_that_were_not_drawn_is_refused_by_name() {
     let mut swapped = honest.clone();
     swapped.swap(3, 4);
     assert!(matches!(
-        said(&swapped),
+        reported(&swapped),
         EvaluationSetError::NotDrawn { place: 3, .. }
     ));
 
@@ -142,10 +142,10 @@ fn a_registration_with_frames_that_were_not_drawn_is_refused_by_name() {
     more.push(honest[0]);
     twice[1] = honest[0];
     let length = |bytes| EvaluationSetError::Length { bytes, drawn: 50 };
-    assert_eq!(said(&honest[..49]), length(49 * 40));
-    assert_eq!(said(&more), length(51 * 40));
+    assert_eq!(reported(&honest[..49]), length(49 * 40));
+    assert_eq!(reported(&more), length(51 * 40));
     assert!(matches!(
-        said(&twice),
+        reported(&twice),
         EvaluationSetError::NotDrawn { place: 1, .. }
     ));
     let bytes = list_bytes(&honest);

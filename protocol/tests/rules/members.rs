@@ -325,10 +325,10 @@ fn an_episode_is_one_nodes_own() {
         registration.episodes = episodes.into_iter().map(episode).collect();
         Body::DatasetCommitted(Signed::new(registration, &key(node)))
     };
-    let said = |refusal: RuleViolation| refusal.to_string();
+    let reported = |refusal: RuleViolation| refusal.to_string();
     let theirs = registration(&network, 0).episodes;
     let mixed = vec![digest(1), theirs[1].digest];
-    assert!(said(chain.refusal(with(1, mixed.clone()))).contains("already registered by node"));
+    assert!(reported(chain.refusal(with(1, mixed.clone()))).contains("already registered by node"));
     for (episodes, why) in [
         (vec![], "0 episodes"),
         (vec![digest(2), digest(1)], "ascending"),
@@ -344,12 +344,12 @@ fn an_episode_is_one_nodes_own() {
             "1501 episodes",
         ),
     ] {
-        let found = said(chain.refusal(with(1, episodes)));
+        let found = reported(chain.refusal(with(1, episodes)));
         assert!(found.contains(why), "{found}");
     }
     // The node may register its own episode again. An episode that it has replaced still belongs to it.
     chain.apply(with(0, vec![digest(9)]));
-    assert!(said(chain.refusal(with(1, mixed))).contains("already registered"));
+    assert!(reported(chain.refusal(with(1, mixed))).contains("already registered"));
     chain.apply(with(1, vec![digest(1)]));
 }
 

@@ -1,4 +1,4 @@
-//! The strategy SCAFFOLD says how all nodes train, because control variates follow from the ledger only then.
+//! The strategy SCAFFOLD states how all nodes train, because control variates follow from the ledger only then.
 
 use zk0_protocol::rules::network_rules::{Scaffold, Strategy};
 use zk0_testkit::network::*;

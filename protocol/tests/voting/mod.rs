@@ -1,6 +1,7 @@
-//! Only a vote changes the rules. Every way to cheat is refused, and every vote has the right outcome.
+//! Only a vote changes the rules, and the operator what the rules leave to it. Every way to cheat is refused, and every vote has the right outcome.
 
 mod governors_keys;
+mod operator;
 mod programs;
 mod proposals;
 mod restoring;

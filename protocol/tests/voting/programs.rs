@@ -61,7 +61,7 @@ fn a_program_that_does_not_exist_is_refused_and_the_ledger_goes_on() {
     modulus[28..].copy_from_slice(&0x7f00_0001_u32.to_le_bytes());
     let no_program = "there is no such program: ";
     let no_release = "is not a release of SP1";
-    for (program, said) in [
+    for (program, reported) in [
         (with(vec![], "6.10.0"), no_program),
         (with(vec![2; 31], "6.10.0"), "this one has 31"),
         (with(vec![2; 33], "6.10.0"), no_program),
@@ -78,8 +78,8 @@ fn a_program_that_does_not_exist_is_refused_and_the_ledger_goes_on() {
     ] {
         let proposal = proposed(&chain.state, 0, Action::ReplaceProgram(program));
         match chain.refusal(proposal) {
-            RuleViolation::BadProposal { why, .. } => assert!(why.contains(said), "{said}: {why}"),
-            other => panic!("{said}: {other}"),
+            RuleViolation::BadProposal { why, .. } => assert!(why.contains(reported), "{reported}: {why}"),
+            other => panic!("{reported}: {other}"),
         }
     }
     // The round and the ledger go on.

@@ -230,11 +230,13 @@ fn a_proposal_makes_sense_when_it_is_made() {
             "no open dispute",
         ),
     ];
-    for (action, said) in senseless {
+    for (action, reported) in senseless {
         let proposed = proposed(&chain.state, 0, action);
         match chain.refusal(proposed) {
-            RuleViolation::BadProposal { why, .. } => assert!(why.contains(said), "{said}: {why}"),
-            other => panic!("{said}: {other}"),
+            RuleViolation::BadProposal { why, .. } => {
+                assert!(why.contains(reported), "{reported}: {why}")
+            }
+            other => panic!("{reported}: {other}"),
         }
     }
     let text = |breaks: fn(&mut Proposal)| {

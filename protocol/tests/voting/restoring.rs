@@ -155,23 +155,23 @@ fn restored_weights_have_no_moments() {
 #[test]
 fn only_closed_rounds_can_be_restored() {
     let mut chain = with_a_node();
-    let says = |chain: &mut Chain, round: u64, said: &str| {
+    let reports = |chain: &mut Chain, round: u64, reported: &str| {
         let proposal = proposed(&chain.state, 0, restore(round));
         match chain.refusal(proposal) {
-            RuleViolation::BadProposal { why, .. } => assert_eq!(why, said),
+            RuleViolation::BadProposal { why, .. } => assert_eq!(why, reported),
             other => panic!("{other}"),
         }
     };
-    says(&mut chain, 0, "there is no round 0 yet");
+    reports(&mut chain, 0, "there is no round 0 yet");
     chain.round_to(1);
     chain.open();
-    says(
+    reports(
         &mut chain,
         1,
         "round 1 is still open, so it has not ended with any weights",
     );
-    says(&mut chain, 2, "there is no round 2 yet");
-    says(
+    reports(&mut chain, 2, "there is no round 2 yet");
+    reports(
         &mut chain,
         u64::MAX,
         "there is no round 18446744073709551615 yet",

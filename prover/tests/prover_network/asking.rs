@@ -1,4 +1,4 @@
-//! What comes of a request: a proof that was verified, or an error that says what went wrong.
+//! What comes of a request: a proof that was verified, or an error that states what went wrong.
 
 use super::server::{account, options, Answer, Network};
 use sp1_sdk::network::proto::artifact::ArtifactType;
@@ -147,7 +147,7 @@ async fn a_network_that_refuses_fails_or_answers_nonsense_gives_an_error_that_sa
         Mode::Succinct,
     )
     .await;
-    for (answer, says) in [
+    for (answer, reports) in [
         (Answer::Refusal, "no credit left"),
         (Answer::ShortNumber, "a number of 2 bytes"),
         (Answer::Proof(b"not a proof".to_vec()), "deserialize proof"),
@@ -162,7 +162,7 @@ async fn a_network_that_refuses_fails_or_answers_nonsense_gives_an_error_that_sa
     ] {
         network.answers(answer);
         let error = ask(&prover).await.unwrap_err().to_string();
-        assert!(error.contains(says), "{says}: {error}");
+        assert!(error.contains(reports), "{reports}: {error}");
     }
 }
 

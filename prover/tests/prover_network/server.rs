@@ -49,7 +49,7 @@ pub struct Heard {
     pub withdrawn: usize,
 }
 
-/// What a request for a proof says. Auctions and reserved capacity have messages of their own for it.
+/// What a request for a proof states. Auctions and reserved capacity have messages of their own for it.
 #[derive(Clone, Debug)]
 pub struct Requested {
     pub strategy: i32,

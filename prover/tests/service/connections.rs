@@ -1,4 +1,4 @@
-//! Connections that say nothing, too many of them, and a process that has no file left for another one.
+//! Connections that state nothing, too many of them, and a process that has no file left for another one.
 
 use super::{bounded_service, patient_service, service, soon, SOON};
 use std::fs::File;
@@ -40,9 +40,9 @@ async fn is_cut(mut connection: TcpStream) {
 async fn who_connects_and_says_nothing_is_cut() {
     let service = patient_service(4, 1, impatient(Duration::from_secs(2))).await;
     let mut silent = vec![];
-    for said in [&BEGIN[..0], &BEGIN[..3], &BEGIN[..23]] {
+    for reported in [&BEGIN[..0], &BEGIN[..3], &BEGIN[..23]] {
         let mut connection = connected(&service.address).await;
-        connection.write_all(said).await.unwrap();
+        connection.write_all(reported).await.unwrap();
         silent.push(connection);
     }
     for connection in silent {

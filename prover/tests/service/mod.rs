@@ -211,7 +211,7 @@ impl Service {
         tokio::spawn(async move { service.prove(claim).await })
     }
 
-    /// Asks for a proof, and waits until the service says that the claim is in this phase.
+    /// Asks for a proof, and waits until the service states that the claim is in this phase.
     async fn asking_until(self: &Arc<Self>, claim: &'static str, phase: Phase) -> Asking {
         let service = self.clone();
         let (told, mut heard) = mpsc::unbounded_channel();
@@ -383,7 +383,7 @@ async fn a_client_that_goes_away_gives_up_its_place() {
     comes(first).await;
 }
 
-/// A client asks again only where the service says that it may take the claim later.
+/// A client asks again only where the service states that it may take the claim later.
 #[tokio::test]
 async fn a_service_that_stops_tells_who_waits_for_a_proof_to_ask_again() {
     let service = service(4, 0).await;
@@ -396,11 +396,11 @@ async fn a_service_that_stops_tells_who_waits_for_a_proof_to_ask_again() {
     service.stop.send(()).unwrap();
     let told = timeout(SOON, waiting).await;
     let told = told.expect("it is told").unwrap().unwrap_err();
-    let said = told.to_string();
+    let reported = told.to_string();
     for words in [&*service.address, "the proving service is stopping"] {
-        assert!(said.contains(words), "{said}");
+        assert!(reported.contains(words), "{reported}");
     }
-    assert!(told.may_pass(), "{said}");
+    assert!(told.may_pass(), "{reported}");
 }
 
 #[tokio::test]

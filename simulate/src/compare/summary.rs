@@ -166,7 +166,7 @@ impl FederationVerdict {
 fn interval(values: &[f64]) -> Result<Interval, SimulationError> {
     Interval::of(values).ok_or_else(|| {
         let what =
-            "a comparison needs two seeds or more: one says nothing of how much results vary";
+            "a comparison needs two seeds or more: one states nothing of how much results vary";
         SimulationError::Data(what.into())
     })
 }

@@ -289,14 +289,14 @@ mod tests {
         };
         assert_eq!(refused(2, 0.0), None);
         assert_eq!(refused(3, 0.2), None);
-        let said = refused(1, 0.0).unwrap();
-        assert!(said.starts_with("node-2 has 1 episode of short, and needs 2 episodes: one to measure losses on, one to train on."), "{said}");
-        let said = refused(2, 0.2).unwrap();
+        let reported = refused(1, 0.0).unwrap();
+        assert!(reported.starts_with("node-2 has 1 episode of short, and needs 2 episodes: one to measure losses on, one to train on."), "{reported}");
+        let reported = refused(2, 0.2).unwrap();
         assert!(
-            said.starts_with(
+            reported.starts_with(
                 "node-2 has 2 episodes of short, and needs 3 episodes: one to set aside"
             ),
-            "{said}"
+            "{reported}"
         );
     }
 }

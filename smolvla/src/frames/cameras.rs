@@ -127,19 +127,22 @@ mod tests {
         let one = policy(&["camera1", "camera2"], &[("wrist", "camera2")]);
         assert_eq!(slots(&one, 0, &["top", "wrist"]), [Some(1)]);
         assert_eq!(slots(&one, 0, &["camera2", "camera1"]), [Some(1), Some(0)]);
-        let said = refused(&one, &["camera2", "wrist"]);
-        assert!(said.contains("camera2 and wrist are both"), "{said}");
-        let said = refused(&one, &["top", "side"]);
-        assert!(said.contains("does not lead from these"), "{said}");
+        let reported = refused(&one, &["camera2", "wrist"]);
+        assert!(
+            reported.contains("camera2 and wrist are both"),
+            "{reported}"
+        );
+        let reported = refused(&one, &["top", "side"]);
+        assert!(reported.contains("does not lead from these"), "{reported}");
     }
 
     #[test]
     fn other_names_without_a_map_are_refused_with_the_option_for_it() {
         let two = policy(&["top", "wrist"], &[]);
         for found in [&["up", "side"][..], &["top", "side"], &[]] {
-            let said = refused(&two, found);
-            assert!(said.contains("--rename_map"), "{said}");
-            assert!(said.contains(&found.join(", ")), "{said}");
+            let reported = refused(&two, found);
+            assert!(reported.contains("--rename_map"), "{reported}");
+            assert!(reported.contains(&found.join(", ")), "{reported}");
         }
     }
 

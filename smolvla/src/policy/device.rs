@@ -94,12 +94,12 @@ mod tests {
     fn panics_become_what_they_said() {
         assert_eq!(quietly(|| 7), Ok(7));
         let cuda = "cuda";
-        let said = quietly(|| -> () { panic!("no lib{cuda}.so") }).unwrap_err();
-        assert_eq!(said, "no libcuda.so");
-        let said = quietly(|| -> () { panic!("no cublas - searched for a, b") }).unwrap_err();
+        let reported = quietly(|| -> () { panic!("no lib{cuda}.so") }).unwrap_err();
+        assert_eq!(reported, "no libcuda.so");
+        let reported = quietly(|| -> () { panic!("no cublas - searched for a, b") }).unwrap_err();
         assert!(
-            said.starts_with("no cublas; it wants NVIDIA's driver"),
-            "{said}"
+            reported.starts_with("no cublas; it wants NVIDIA's driver"),
+            "{reported}"
         );
         assert_eq!(
             quietly(|| -> () { panic!("no GPU") }).unwrap_err(),

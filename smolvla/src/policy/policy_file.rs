@@ -276,19 +276,19 @@ mod tests {
         assert_eq!(bytes(&back), bytes(&file));
 
         save(&file.policy, &file.tokenizer, Some(&with(5)), &path).unwrap();
-        let said = inference(&path).unwrap_err().to_string();
+        let reported = inference(&path).unwrap_err().to_string();
         assert!(
-            said.contains("zk0.inference") && said.contains("5 state"),
-            "{said}"
+            reported.contains("zk0.inference") && reported.contains("5 state"),
+            "{reported}"
         );
         let config = serde_json::to_string(&file.policy.config).unwrap();
         let notes = BTreeMap::from([(CONFIG_KEY, &config[..]), (INFERENCE_KEY, "{}")]);
         let tensors = file.policy.tensors().map(TensorEntry::of).collect();
         write_to(File::create(&path).unwrap(), tensors, notes).unwrap();
-        let said = inference(&path).unwrap_err().to_string();
+        let reported = inference(&path).unwrap_err().to_string();
         assert!(
-            said.contains("policy.safetensors") && said.contains("num_steps"),
-            "{said}"
+            reported.contains("policy.safetensors") && reported.contains("num_steps"),
+            "{reported}"
         );
     }
 

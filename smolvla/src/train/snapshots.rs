@@ -363,7 +363,7 @@ fn read_checked(path: &Path, digest: &FileDigest) -> Result<Vec<u8>, String> {
     if hex::encode(Sha256::digest(&bytes)) == digest.sha256 {
         Ok(bytes)
     } else {
-        Err(format!("{name} has another SHA-256 than {STATE} says"))
+        Err(format!("{name} has another SHA-256 than {STATE} states"))
     }
 }
 

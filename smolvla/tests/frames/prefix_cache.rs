@@ -136,9 +136,9 @@ fn a_full_disk_costs_time_and_changes_nothing() {
             .env(FULL, "1")
             .output()
             .unwrap();
-        let said = String::from_utf8_lossy(&output.stdout);
-        let ran = output.status.success() && said.contains("1 passed");
-        assert!(ran, "{said}{}", String::from_utf8_lossy(&output.stderr));
+        let reported = String::from_utf8_lossy(&output.stdout);
+        let ran = output.status.success() && reported.contains("1 passed");
+        assert!(ran, "{reported}{}", String::from_utf8_lossy(&output.stderr));
         return;
     }
     let (policy, count) = (policy(), 4);

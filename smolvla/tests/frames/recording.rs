@@ -80,11 +80,11 @@ fn recordings_are_normalised_together() {
     let preparer = Preparer::new(&policy, &tokenizer).unwrap();
     let mut actions: Vec<Vec<f32>> = Vec::new();
     for dataset in &mut datasets {
-        let said = dataset
+        let reported = dataset
             .normalise_with(other.clone())
             .unwrap_err()
             .to_string();
-        assert!(said.contains("have 5 and 5"), "{said}");
+        assert!(reported.contains("have 5 and 5"), "{reported}");
         dataset.normalise_with(pooled.clone()).unwrap();
         let mut loader = dataset.loader(policy.config.chunk_size).unwrap();
         for frame in 0..dataset.len() {

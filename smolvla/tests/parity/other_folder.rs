@@ -14,8 +14,8 @@ fn the_same_holds_for_a_policy_of_other_dimensions() {
         .env("ZK0_PARITY_DIR", fixtures().join("smolvla_odd"))
         .output()
         .unwrap();
-    let said = String::from_utf8_lossy(&tests.stdout);
-    println!("{said}");
-    assert!(tests.status.success(), "{said}");
-    assert!(!said.contains(" 0 passed"), "{said}");
+    let reported = String::from_utf8_lossy(&tests.stdout);
+    println!("{reported}");
+    assert!(tests.status.success(), "{reported}");
+    assert!(!reported.contains(" 0 passed"), "{reported}");
 }

@@ -72,7 +72,7 @@ pub fn lerobot() -> LeRobotConfig {
     LeRobotConfig::parse(&text("policy_config.json"), Some(&text("vlm_config.json"))).unwrap()
 }
 
-/// What a policy's configuration says of its training. What it leaves out has LeRobot's default.
+/// What a policy's configuration states of its training. What it leaves out has LeRobot's default.
 #[derive(Clone, Debug, Deserialize, PartialEq)]
 #[serde(default)]
 pub struct TrainingPreset {

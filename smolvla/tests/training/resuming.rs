@@ -244,7 +244,7 @@ fn a_damaged_one_is_skipped_for_the_one_before() {
         |kept| fs::remove_file(kept.path("000006/moments.safetensors")).unwrap(),
         |kept| fs::remove_file(kept.path("000006/state.json")).unwrap(),
         |kept| fs::write(kept.path("000006/state.json"), "{\"version\":").unwrap(),
-        // The folder's name says a later step than the snapshot in it.
+        // The folder's name states a later step than the snapshot in it.
         |kept| fs::rename(kept.path("000006"), kept.path("000009")).unwrap(),
     ];
     for (i, change) in change.into_iter().enumerate() {

@@ -19,7 +19,7 @@ use zk0_protocol::Receipt;
 /// Requests as bytes.
 pub trait AtOnce {
     /// Records a message.
-    fn say(&mut self, body: &[u8]) -> Result<Receipt, RequestError>;
+    fn tell(&mut self, body: &[u8]) -> Result<Receipt, RequestError>;
     /// Records an enrolment.
     fn let_in(&mut self, enrolment: &[u8]) -> Result<Receipt, RequestError>;
     /// Records a dataset with drawn frames.
@@ -41,7 +41,7 @@ pub trait AtOnce {
 }
 
 impl AtOnce for Aggregator {
-    fn say(&mut self, body: &[u8]) -> Result<Receipt, RequestError> {
+    fn tell(&mut self, body: &[u8]) -> Result<Receipt, RequestError> {
         stated(self, Statement::Body(body.into()), &[])
     }
 

@@ -32,7 +32,7 @@ pub const CHEATS: &[(&str, Cheat)] = &[
     ("evaluates another base", losses::other_base),
     ("contributes what is worse", losses::worse),
     ("contributes the base itself", losses::same),
-    ("improves less than it says", losses::less),
+    ("improves less than it states", losses::less),
     ("improves by chance", losses::by_chance),
     ("wraps a norm", losses::wrapped_norm),
     ("wraps a velocity", losses::wrapped_velocity),

@@ -35,7 +35,7 @@ const INPUT: &str = "argument/src/claim/input.rs";
 
 #[rustfmt::skip]
 pub const REMOVALS: &[Removal] = &[
-    // What is said.
+    // What is stated.
     argument("argument: nothing follows it", TRANSCRIPT, always!("self.read == self.proof.len()"), "words_after_the_end_are_refused"),
     argument("argument: it has as many words as are read", TRANSCRIPT,
         instead!("rest.get(..count).ok_or(Refused::Length(\"fewer\"))?", "&rest[..count]"), "an_argument_that_ends_early_is_refused"),
@@ -126,7 +126,7 @@ pub const REMOVALS: &[Removal] = &[
     argument("hiding: pads and masks are random", ARGUMENT,
         instead!("hiding.elements(column, height + tail)", "vec![crate::field::Goldilocks::ZERO; height + tail]"),
         "what_is_said_twice_differs_where_it_depends_on_a_sample"),
-    argument("hiding: what is secret is said with a pad", TRANSCRIPT, instead!("value + pad", "value"),
+    argument("hiding: what is secret is stated with a pad", TRANSCRIPT, instead!("value + pad", "value"),
         "what_is_said_twice_differs_where_it_depends_on_a_sample"),
     argument("hiding: both coefficients have a pad", TRANSCRIPT,
         instead!("value + pad", "value + Extension([pad.0[0], Goldilocks::ZERO])"),

@@ -30,7 +30,7 @@ pub const REMOVALS: &[Removal] = &[
     verifier("the claims about weights hold for the files", WEIGHT_CLAIMS,
         forgiven!(".check(&expert, [&base?, &update?])\n        .map_err(other_models)"), "claims_about_other_weights_do_not_hold"),
     verifier("the claims about weights are whole words", WEIGHT_CLAIMS, never!("!rest.is_empty()"), "bytes_after_the_claims_are_refused"),
-    protocol("a blob with a proof has the bytes that it says", "protocol/src/entries/proof_blob.rs",
+    protocol("a blob with a proof has the bytes that it states", "protocol/src/entries/proof_blob.rs",
         instead!("rest.split_at_checked(length).ok_or_else(too_short)?", "rest.split_at(length.min(rest.len()))"),
         "a_blob_that_is_shorter_than_it_says_is_refused"),
     system("an update is not too far from its base", "verifier/src/norm.rs", always!("difference <= norm * U256::from(limit * limit)"),

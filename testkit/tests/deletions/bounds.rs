@@ -1,4 +1,4 @@
-//! Checks of what rules and refusals may say, of the number of nodes that rounds wait for, of nodes that leave, and of votes.
+//! Checks of what rules and refusals may state, of the number of nodes that rounds wait for, of nodes that leave, and of votes.
 
 use super::{protocol, Removal};
 
@@ -8,7 +8,7 @@ const NETWORK_RULES: &str = "protocol/src/rules/network_rules.rs";
 
 #[rustfmt::skip]
 pub const REMOVALS: &[Removal] = &[
-    protocol("a refusal for lateness says what came late", "protocol/src/rules/bindings.rs", always!("what == late"),
+    protocol("a refusal for lateness states what came late", "protocol/src/rules/bindings.rs", always!("what == late"),
         "a_late_claim_is_refused_as_such"),
     protocol("rules about times and sizes have upper bounds", NETWORK_RULES, skipped!("self.check_upper_bounds()?;"),
         "rules_that_would_stop_a_network_for_ever_found_nothing"),

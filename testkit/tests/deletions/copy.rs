@@ -47,7 +47,7 @@ impl Copy {
     pub fn program(&self, removal: &Removal) -> Program {
         let (package, program) = (removal.package, removal.program());
         let ran = self.copy.run(package, program, &["--list"], &[]);
-        // Cargo says: Running tests/main.rs (/…/target/release/deps/protocol-0f3a)
+        // Cargo states: Running tests/main.rs (/…/target/release/deps/protocol-0f3a)
         let running = ran.errors.lines().find(|line| line.contains(" Running"));
         let path = running.and_then(|line| line.rsplit_once('(')?.1.strip_suffix(')'));
         let (true, Some(path)) = (ran.succeeded, path) else {

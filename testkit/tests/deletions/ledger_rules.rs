@@ -24,7 +24,7 @@ const SCALE: &str = "weights/src/scale.rs";
 #[rustfmt::skip]
 pub const REMOVALS: &[Removal] = &[
     // The test of the improvement, and what a claim is bound to.
-    protocol("a claim says what the ledger fixed", BINDINGS, skipped!("self.check_bindings(claim)?;"),
+    protocol("a claim states what the ledger fixed", BINDINGS, skipped!("self.check_bindings(claim)?;"),
         "a_claim_says_what_the_ledger_fixed"),
     protocol("the number of evaluated samples is within its bounds", ROUNDS, never!("asked < least || u64::from(asked) > most"),
         "a_node_chooses_how_many_samples_are_evaluated_within_bounds"),
@@ -106,7 +106,7 @@ pub const REMOVALS: &[Removal] = &[
         instead!("vec![WHOLE_SHARE; samples.len()]", "samples.iter().map(|samples| *samples as u32).collect()"),
         "thousands_of_leaves_that_differ_in_a_bit_gain_nothing"),
     // The result of a round.
-    protocol("a result is taken or not as its losses say", RESULTS, never!("evaluated.outcome != outcome"),
+    protocol("a result is taken or not as its losses state", RESULTS, never!("evaluated.outcome != outcome"),
         "a_result_that_overflows_or_is_worse_leaves_the_base_and_earns_nothing"),
     protocol("a result that is not taken leaves the base", RESULTS, instead!("kept(round, closed, \"the result was not taken\")", "Ok(())"),
         "a_result_that_overflows_or_is_worse_leaves_the_base_and_earns_nothing"),
@@ -145,7 +145,7 @@ pub const REMOVALS: &[Removal] = &[
     protocol("a round waits for all before the first commitment", RANDOMNESS, never!("round.commits.is_empty() || known.record.is_awaited()"),
         "a_node_that_was_idle_in_three_rounds_is_not_waited_for_until_it_commits"),
     // Governors.
-    protocol("a governor has no say in its removal", VOTES, skipped!("electorate.remove(&removed);"),
+    protocol("a governor has no vote in its removal", VOTES, skipped!("electorate.remove(&removed);"),
         "a_governor_has_no_say_in_its_removal_and_the_others_need_more_than_half_of_all_weight"),
     protocol("half of the weight removes nobody", "protocol/src/rules/open_proposal.rs", never!("tally.for_it < self.least_for"),
         "a_governor_has_no_say_in_its_removal_and_the_others_need_more_than_half_of_all_weight"),

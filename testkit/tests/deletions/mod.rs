@@ -17,6 +17,7 @@ mod bounds;
 mod copy;
 mod ledger_rules;
 mod moments;
+mod outages;
 mod secrets;
 mod stored_entries;
 
@@ -70,6 +71,7 @@ const RULES: &[&[Removal]] = &[ledger_rules::REMOVALS, bounds::REMOVALS, moments
 const ARGUMENT: &[&[Removal]] = &[argument::REMOVALS];
 const ATTESTATION: &[&[Removal]] = &[
     attestation::REMOVALS,
+    outages::REMOVALS,
     secrets::REMOVALS,
     stored_entries::REMOVALS,
 ];
@@ -172,8 +174,8 @@ fn removed(tables: &[&[Removal]]) {
     let threads = thread::available_parallelism().map_or(1, usize::from);
     let wrong_of = |removal: &&Removal| {
         let outcome = programs[removal.package].fails_without(removal);
-        let said = outcome.as_ref().map_or_else(String::as_str, |()| "red");
-        println!("{}: {said}", removal.check);
+        let reported = outcome.as_ref().map_or_else(String::as_str, |()| "red");
+        println!("{}: {reported}", removal.check);
         Some(format!("{}: {}", removal.check, outcome.err()?))
     };
     let part = |first| {

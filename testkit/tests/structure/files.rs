@@ -12,7 +12,7 @@ const LINES_OF_THE_README: usize = 150;
 /// Folders of data, however many files they hold.
 const DATA: [&str; 3] = ["fixtures", "corpus", "vectors"];
 
-/// Names that say nothing about what is in a file.
+/// Names that state nothing about what is in a file.
 const EMPTY_NAMES: [&str; 11] = [
     "words",
     "story",
@@ -58,7 +58,7 @@ fn crowded(paths: &[String]) -> Vec<String> {
         .collect()
 }
 
-/// A file, or a folder of sources, whose name says nothing.
+/// A file, or a folder of sources, whose name states nothing.
 fn empty_name(path: &str) -> Option<&str> {
     path.trim_end_matches(".rs")
         .split('/')
@@ -127,7 +127,7 @@ fn names_say_what_is_in_a_file() {
         .filter(is_rust)
         .filter(|path| empty_name(path).is_some())
         .collect();
-    assert!(empty.is_empty(), "{empty:?} need names that say more");
+    assert!(empty.is_empty(), "{empty:?} need names that state more");
 }
 
 #[test]

@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Names from the root of the crate: `["rules", "apply"]` for `crate::rules::apply`.
 pub type Path = Vec<String>;
 
-/// What a source file says about other files.
+/// What a source file states about other files.
 pub struct Source {
     /// Every path into the crate that the file names.
     pub named: BTreeSet<Path>,

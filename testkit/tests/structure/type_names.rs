@@ -1,4 +1,4 @@
-//! A type's name says one thing: no two files declare the same one, but for a list that only shrinks.
+//! A type's name states one thing: no two files declare the same one, but for a list that only shrinks.
 
 use super::tokens::{tokens, Token};
 use super::{read, tracked_files};

@@ -11,7 +11,7 @@ use zk0_testkit::changed_copy::SourceChange;
 pub enum Outcome {
     /// It was refused, with this reason.
     Refused(String),
-    /// It succeeded. The text says what the attacker has got.
+    /// It succeeded. The text states what the attacker has got.
     Succeeded(String),
 }
 
@@ -101,10 +101,10 @@ pub fn printed(attack: &Attack, text: &str) -> Option<Outcome> {
     let lines = text.lines().filter_map(|line| line.strip_prefix(MARK));
     let mut lines = lines.filter_map(|line| serde_json::from_str::<Value>(line).ok());
     let line = lines.find(|line| line["test"] == attack.test())?;
-    let said = |key: &str| line[key].as_str().map(str::to_owned);
-    said("refused")
+    let reported = |key: &str| line[key].as_str().map(str::to_owned);
+    reported("refused")
         .map(Outcome::Refused)
-        .or(said("succeeded").map(Outcome::Succeeded))
+        .or(reported("succeeded").map(Outcome::Succeeded))
 }
 
 /// Carries out an attack over the network.
@@ -112,7 +112,7 @@ pub fn over_the_network(attack: impl Future<Output = Outcome>) -> Outcome {
     Runtime::new().unwrap().block_on(attack)
 }
 
-/// The answer to an attack that has succeeded if the service says yes.
+/// The answer to an attack that has succeeded if the service states yes.
 pub fn answered<T>(answer: Result<T, Status>, won: impl FnOnce(T) -> String) -> Outcome {
     match answer {
         Ok(answer) => Outcome::Succeeded(won(answer)),

@@ -39,7 +39,7 @@ fn with_switches() -> ChangedCopy {
         for change in changes {
             let asked = |code: &str| switched(code, name);
             let done = copy.edit(change.file, |source| change.applied_with(source, asked));
-            done.expect("the test of the table says that it fits");
+            done.expect("the test of the table states that it fits");
         }
     };
     put(PROOF, PROOF_OF_ANY_CLAIM.out);

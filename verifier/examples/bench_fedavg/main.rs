@@ -111,7 +111,7 @@ fn forget_peak() {
 
 /// The most memory that this process has had, in bytes. No file is mapped, so that this is memory of its own, and the program.
 fn peak_memory() -> u64 {
-    let status = fs::read_to_string("/proc/self/status").expect("Linux says it");
+    let status = fs::read_to_string("/proc/self/status").expect("Linux states it");
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
     let kilobytes = line.and_then(|line| line.split_whitespace().next());
     1024 * kilobytes

@@ -105,6 +105,11 @@ impl SentStatement {
         self.digest
     }
 
+    /// Whether it is a proposal or a vote, which may name other witnesses.
+    pub fn governs(&self) -> bool {
+        matches!(&*self.body, Body::Proposed(_) | Body::Voted(_))
+    }
+
     /// The round that it names, if any.
     pub fn round(&self) -> Option<u64> {
         match &*self.body {
@@ -302,7 +307,7 @@ impl Aggregator {
             // A node may leave, be enrolled again, and leave once more.
             Body::NodeLeft(_) if !self.has_left(&sent.signer) => None,
             Body::NodeEnrolled(enrolled) if self.has_left(&enrolled.node) => None,
-            body => self.index.said(body),
+            body => self.index.reported(body),
         }
     }
 

@@ -14,14 +14,14 @@ impl Service {
         let Some(limit) = self.blob_places.cache_bytes else {
             return std::future::pending().await;
         };
-        let mut said = None;
+        let mut reported = None;
         loop {
             if let Err(error) = self.shrink(limit).await {
                 // It is retried, so the log states the same reason once.
                 let why = error.to_string();
-                if said.as_ref() != Some(&why) {
+                if reported.as_ref() != Some(&why) {
                     tracing::error!("the blobs in the ledger's folder stay: {why}");
-                    said = Some(why);
+                    reported = Some(why);
                 }
             }
             sleep(EVERY).await;

@@ -1,6 +1,7 @@
 //! How many requests may wait for the store of the blobs.
 
 use crate::line::WorkQueue;
+use crate::store_reads::StoreReads;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::Semaphore;
@@ -14,10 +15,16 @@ const READING: usize = 8;
 /// Further downloads that wait.
 const WAITING: usize = 64;
 
+/// Further downloads of nodes that wait.
+const NODES_WAITING: usize = 1024;
+
 #[derive(Clone)]
 pub(in crate::serve) struct BlobPlaces {
     pub(super) storing: Arc<Semaphore>,
     pub(super) reading: WorkQueue,
+    /// As many for downloads of nodes: strangers do not hold them up.
+    pub(super) reading_for_nodes: WorkQueue,
+    pub(super) reads: StoreReads,
     /// Bytes of blobs in the ledger's folder; `None` for no limit.
     pub(super) cache_bytes: Option<u64>,
     /// Validity of the store's addresses for nodes; `None` for no addresses.
@@ -29,6 +36,8 @@ impl Default for BlobPlaces {
         Self {
             storing: Arc::new(Semaphore::new(STORING)),
             reading: WorkQueue::new(READING, WAITING),
+            reading_for_nodes: WorkQueue::new(READING, NODES_WAITING),
+            reads: StoreReads::default(),
             cache_bytes: None,
             addresses: None,
         }

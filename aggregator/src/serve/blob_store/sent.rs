@@ -107,7 +107,7 @@ impl Service {
         if self.blob_places.addresses.is_none() {
             return std::future::pending().await;
         }
-        let (mut done, mut said) = (None, None);
+        let (mut done, mut reported) = (None, None);
         loop {
             let open = self.with(|aggregator| {
                 let round = aggregator.state().round().map(|round| round.number());
@@ -123,7 +123,7 @@ impl Service {
             }
             match blocking(move || Ok(blobs.remove_sent(open)?)).await {
                 Ok(removed) => {
-                    (done, said) = (Some(open), None);
+                    (done, reported) = (Some(open), None);
                     if removed > 0 {
                         tracing::info!(
                             removed,
@@ -134,9 +134,9 @@ impl Service {
                 Err(error) => {
                     // It is retried, so the log states the same reason once.
                     let why = error.to_string();
-                    if said.as_ref() != Some(&why) {
+                    if reported.as_ref() != Some(&why) {
                         tracing::error!("uploads of ended rounds stay in the blob store: {why}");
-                        said = Some(why);
+                        reported = Some(why);
                     }
                     sleep(RETRY).await;
                 }

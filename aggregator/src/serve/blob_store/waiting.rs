@@ -1,9 +1,9 @@
 //! Work that waits for the store of the blobs, in a free place.
 
 use crate::connections::caller::Awaited;
+use crate::growing_file::GrowingFile;
 use crate::round::request_error::RequestError;
 use crate::serve::service::{blocking, Service};
-use std::fs::File;
 use tracing::{Instrument, Span};
 use zk0_circuits::Digest;
 use zk0_ledger::blobs::Blobs;
@@ -33,20 +33,33 @@ impl Service {
     /// strangers could hold the turns of all requests.
     pub(in crate::serve) async fn file(
         &self,
-        blobs: Blobs,
-        blob: Digest,
+        (blobs, blob): (Blobs, Digest),
+        of_node: bool,
         awaited: Awaited,
-    ) -> Result<File, RequestError> {
+    ) -> Result<GrowingFile, RequestError> {
         if blobs.is_here(&blob) {
-            return blocking(move || Ok(blobs.file(&blob)?)).await;
+            let whole = move || {
+                let whole = GrowingFile::whole(blobs.file(&blob)?);
+                whole.map_err(|error| RequestError::Internal(error.to_string()))
+            };
+            return blocking(whole).await;
         }
-        let crowded = "too many wait for files that are only in the blob store: ask again later";
-        let place = tokio::select! {
-            place = self.blob_places.reading.place() => place,
-            () = awaited.no_more() => None,
+        let places = if of_node {
+            &self.blob_places.reading_for_nodes
+        } else {
+            &self.blob_places.reading
         };
-        let place = place.ok_or_else(|| RequestError::Crowded(crowded.into()))?;
-        in_place(place, move || Ok(blobs.file(&blob)?)).await
+        let crowded = "too many wait for files that are only in the blob store: ask again later";
+        let crowded = || RequestError::Crowded(crowded.into());
+        let reading = async {
+            let place = places.place().await.ok_or_else(crowded)?;
+            let file = self.blob_places.reads.open(&blobs, blob, place).await;
+            file.map_err(|error| RequestError::from(&*error))
+        };
+        tokio::select! {
+            file = reading => file,
+            () = awaited.no_more() => Err(crowded()),
+        }
     }
 }
 

@@ -153,13 +153,13 @@ fn record() -> Target {
         bytes(&Body::Voted(Signed::new(vote, &governor.key))),
     ];
     for seed in &seeds {
-        aggregator.say(seed).unwrap();
+        aggregator.tell(seed).unwrap();
     }
     Target {
         seeds,
         run: Box::new(move |input| {
             let _ = &dir;
-            aggregator.say(input).map(drop).map_err(text)
+            aggregator.tell(input).map(drop).map_err(text)
         }),
     }
 }

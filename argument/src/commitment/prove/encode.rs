@@ -42,7 +42,7 @@ impl Encoder {
         (0..1usize << bits).map(move |coset| coset.reverse_bits() >> (usize::BITS - bits))
     }
 
-    /// The codewords of a matrix on one coset, by rows. [`Self::place`] says where each row is. At all points of coset k, x to the power of the
+    /// The codewords of a matrix on one coset, by rows. [`Self::place`] states where each row is. At all points of coset k, x to the power of the
     /// number of rows is the k-th power of one root of unity: so a tail is added to the first coefficients.
     pub(super) fn coset(
         &self,

@@ -1,4 +1,4 @@
-//! A sum of fractions, layer by layer: the same words as `zk0_argument::fractions::prove` says, but for the lie.
+//! A sum of fractions, layer by layer: the same words as `zk0_argument::fractions::prove` states, but for the lie.
 
 use super::party::Lie;
 use zk0_argument::field::{Extension, Goldilocks};
@@ -56,7 +56,7 @@ fn summand([p0, p1, q0, q1]: [Extension; 4], lambda: Extension) -> Extension {
     p0 * q1 + p1 * q0 + lambda * q0 * q1
 }
 
-/// Argues that the fractions add up to zero. A liar says so of the highest two fractions, whatever they are.
+/// Argues that the fractions add up to zero. A liar states it of the highest two fractions, whatever they are.
 pub fn sum(prover: &mut Prover, leaves: Fractions, lie: Lie) -> LeafClaim {
     let mut layers = vec![leaves];
     while layers[layers.len() - 1].0.len() > 2 {

@@ -1,7 +1,7 @@
 //! A prover that lies once, and argues on honestly from its lie.
 //!
 //! It knows two worlds. In the *truth* are the values that it commits to and the weights that the statement is about. The *tale* is another
-//! world, in which the statement holds. It says what is so in the tale up to a certain step, and what is so in truth from then on. So exactly
+//! world, in which the statement holds. It states what is so in the tale up to a certain step, and what is so in truth from then on. So exactly
 //! one check can notice: the one that ties both together. Where a test shows that the check refuses the lie, `testkit/tests/deletions/argument.rs`
 //! removes the check from a copy of the sources, and there the lie is accepted.
 //!
@@ -86,7 +86,7 @@ impl World {
         party::prove(&self.statement, [&self.known, truth], lie)
     }
 
-    /// What whoever holds these weights says of an argument for what this world states.
+    /// What whoever holds these weights states of an argument for what this world states.
     pub fn verify(
         &self,
         weights: [&QuantisedWeights; 2],
@@ -111,14 +111,14 @@ impl World {
         published.check(&self.expert, [&sums(0)?, &sums(1)?])
     }
 
-    /// What the verifier says of this world's own weights and of an argument with this lie: nothing, where it is accepted.
+    /// What the verifier states of this world's own weights and of an argument with this lie: nothing, where it is accepted.
     pub fn told(&self, truth: &Known, lie: Lie) -> Result<(), Refused> {
         let prover = self.prove(truth, lie);
         let weights = [&self.models.base, &self.models.update];
         self.named(&prover, self.verify(weights, prover.words()).map(drop))
     }
 
-    /// What the verifier says of an honest argument that was changed.
+    /// What the verifier states of an honest argument that was changed.
     pub fn changed(&self, change: impl FnOnce(&mut Vec<u64>)) -> Result<(), Refused> {
         let mut proof = self.prove(&self.known, Lie::Nothing).finish()?;
         change(&mut proof);
@@ -126,7 +126,7 @@ impl World {
         self.verify(weights, &proof).map(drop)
     }
 
-    /// What a verifier says, but with the name of the equation between secret values that does not hold. The verifier sees that one does not, and
+    /// What a verifier states, but with the name of the equation between secret values that does not hold. The verifier sees that one does not, and
     /// cannot see which.
     pub fn named(&self, prover: &Prover, told: Result<(), Refused>) -> Result<(), Refused> {
         match told {

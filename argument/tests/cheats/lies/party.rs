@@ -34,7 +34,7 @@ pub enum Lie {
     Leaves,
     /// Numerators and denominators of all samples, up to the point that all go to.
     Gathered,
-    /// The loss: it is said to be what is stated.
+    /// The loss: it is stated to be what is stated.
     Loss,
     /// The sums of products, and the fractions, which follow from them.
     Products,

@@ -103,7 +103,7 @@ fn between_rounds(chain: &mut Chain, step: &mut impl FnMut(&mut Chain, Body)) {
 /// The key that node 3 changes to.
 const NEXT: u8 = 9;
 
-/// The first byte says how many entries of the history come before. The rest is an entry that a hostile aggregator with members of
+/// The first byte states how many entries of the history come before. The rest is an entry that a hostile aggregator with members of
 /// its own can put on its log. Its statements are signed anew if the test has their signer's key.
 pub fn applied() -> Target {
     let (_, entries) = history();

@@ -253,7 +253,7 @@ fn cosigned_answer() -> Target {
     }
 }
 
-/// Says how far the best line of the answer gets, because `find` does not say why it ignores a line.
+/// States how far the best line of the answer gets, because `find` does not state why it ignores a line.
 fn why_none(answer: &[u8], key: &VerifierKey) -> String {
     let lines = answer.split_inclusive(|byte| *byte == b'\n');
     let lines: Vec<&[u8]> = lines.filter_map(|line| line.strip_suffix(b"\n")).collect();

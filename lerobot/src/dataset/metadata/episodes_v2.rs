@@ -52,7 +52,7 @@ pub(crate) fn read_episodes(
             Entry::Occupied(first) if *first.get() == length => repeated += 1,
             Entry::Occupied(first) => {
                 return wrong(format!(
-                    "episode {index} has {length} frames, an earlier line says {}",
+                    "episode {index} has {length} frames, an earlier line states {}",
                     first.get()
                 ))
             }

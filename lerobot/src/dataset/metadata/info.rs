@@ -142,11 +142,11 @@ struct RawFeature {
 impl RawFeature {
     /// Whether it holds distances instead of colours.
     fn is_depth_map(&self) -> bool {
-        let says = |key: &str| {
+        let reports = |key: &str| {
             let info = self.info.as_ref();
             info.and_then(|info| info.get(key)).and_then(Value::as_bool) == Some(true)
         };
-        says("is_depth_map") || says("video.is_depth_map")
+        reports("is_depth_map") || reports("video.is_depth_map")
     }
 }
 

@@ -6,7 +6,7 @@ pub(super) fn check_size(found: (usize, usize), expected: (usize, usize)) -> Res
         return Ok(());
     }
     Err(format!(
-        "the picture is {} x {} (height x width), meta/info.json says {} x {}",
+        "the picture is {} x {} (height x width), meta/info.json states {} x {}",
         found.0, found.1, expected.0, expected.1
     ))
 }

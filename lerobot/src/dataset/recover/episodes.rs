@@ -226,7 +226,7 @@ impl Filmed {
             } else if let Some(misfit) = &placing.fault {
                 Err(format!(
                     "{} has {} pictures, which do not fit the rows of its episodes; LeRobot drops pictures where streaming encoding is \
-                     too slow, and nothing says where",
+                     too slow, and nothing reports where",
                     videos[misfit.video].path.display(),
                     misfit.pictures
                 ))
@@ -234,7 +234,7 @@ impl Filmed {
                 Err(error.to_string())
             } else if at >= placed {
                 Err(format!(
-                    "rows of an episode before it are missing, so that nothing says where its pictures are in the videos of {}",
+                    "rows of an episode before it are missing, so that nothing states where its pictures are in the videos of {}",
                     camera.name
                 ))
             } else {

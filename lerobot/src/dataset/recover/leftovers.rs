@@ -135,7 +135,7 @@ fn open(path: PathBuf, camera: &Camera) -> Result<Video, DatasetError> {
     let track = Mp4Track::read(&mut file).map_err(|cause| DatasetError::video(&path, cause))?;
     if (track.height, track.width) != (camera.height, camera.width) {
         let cause = format!(
-            "pictures are {} x {} (height x width), meta/info.json says {} x {}",
+            "pictures are {} x {} (height x width), meta/info.json states {} x {}",
             track.height, track.width, camera.height, camera.width
         );
         return Err(DatasetError::video(path, cause));

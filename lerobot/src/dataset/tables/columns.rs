@@ -144,7 +144,9 @@ impl Columns<'_> {
             if found != dim || lists.value_length(row) as usize != dim {
                 return Err(DatasetError::parquet(
                     self.path,
-                    format!("column {name} has a row of {found} values, meta/info.json says {dim}"),
+                    format!(
+                        "column {name} has a row of {found} values, meta/info.json states {dim}"
+                    ),
                 ));
             }
         }

@@ -33,7 +33,7 @@ impl VideoSource {
             return Err(DatasetError::video(
                 path,
                 format!(
-                    "pictures are {} x {} (height x width){turned}, meta/info.json says {height} x {width}",
+                    "pictures are {} x {} (height x width){turned}, meta/info.json states {height} x {width}",
                     shown.0, shown.1
                 ),
             ));

@@ -1,4 +1,4 @@
-//! Reads random lists of a recording's files from a Hub. Whatever such a list says, nothing is written outside of the cache.
+//! Reads random lists of a recording's files from a Hub. Whatever such a list states, nothing is written outside of the cache.
 
 use std::fs;
 use std::io::{BufRead, BufReader, Write};

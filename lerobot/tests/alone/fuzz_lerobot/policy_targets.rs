@@ -124,9 +124,9 @@ pub fn processor_json() -> Target {
                 Ok(Some(_)) => Ok(()),
                 Ok(None) => Err("no statistics".into()),
                 Err(e) => {
-                    let said = unquoted(&e.to_string());
+                    let reported = unquoted(&e.to_string());
                     let own = dir.path().join("policy_preprocessor.json: ");
-                    match said.strip_prefix(own.to_str().unwrap()) {
+                    match reported.strip_prefix(own.to_str().unwrap()) {
                         Some(why) => Err(why.to_owned()),
                         // The input chooses the name of this file.
                         None => Err("another file".into()),

@@ -112,14 +112,14 @@ fn depth_cameras_are_named_and_not_read() {
     // LeRobot 0.6.1 writes more keys into `info`; the older key is that of LeRobot before.
     for key in ["is_depth_map", "video.is_depth_map"] {
         let copy = Copy::default();
-        let describe = |says: bool| {
+        let describe = |reports: bool| {
             copy.edit(INFO, |bytes| {
                 let mut info: serde_json::Value = serde_json::from_slice(&bytes).unwrap();
                 info["features"]["observation.images.depth"] = serde_json::json!({
                     "dtype": "video",
                     "shape": [96, 128, 1],
                     "names": ["height", "width", "channels"],
-                    "info": {key: says, "video.codec": "hevc", "video.pix_fmt": "gray12le"},
+                    "info": {key: reports, "video.codec": "hevc", "video.pix_fmt": "gray12le"},
                 });
                 serde_json::to_vec(&info).unwrap()
             });

@@ -7,7 +7,7 @@ use serde_json::{json, Value};
 use zk0_lerobot::dataset::{Dataset, StatisticsFault};
 use zk0_testkit::recordings::{fixtures, recording, Copy, STATS};
 
-/// Parts of `so100_sorting` that got the statistics of the whole, as the fixtures' README says.
+/// Parts of `so100_sorting` that got the statistics of the whole, as the fixtures' README states.
 const PARTS: [&str; 2] = ["so100_sorting_two", "so100_sorting_four"];
 
 fn faults(root: impl AsRef<Path>) -> Vec<StatisticsFault> {
@@ -51,14 +51,14 @@ fn statistics_of_other_rows_are_found() {
     }
     let root = recording("so100_sorting_two");
     let root = root.display();
-    let said = found[1].to_string();
+    let reported = found[1].to_string();
     let begin =
         format!("{root}/meta/stats.json: the count of action is 249, and the rows have 90; ");
-    assert!(said.starts_with(&begin), "{said}");
+    assert!(reported.starts_with(&begin), "{reported}");
     let command = format!(
         "lerobot-edit-dataset --repo_id NAME --root {root} --new_root {root} --operation.type recompute_stats --operation.overwrite true"
     );
-    assert!(said.ends_with(&command), "{said}");
+    assert!(reported.ends_with(&command), "{reported}");
 }
 
 /// Changes the statistics of the actions.
@@ -130,8 +130,11 @@ fn an_episode_of_other_rows_is_found_in_v21() {
         panic!("{found:?}")
     };
     assert_eq!((fault.statistic, fault.written), ("max", 999.0));
-    let said = fault.to_string();
-    assert!(said.contains("Convert the recording to v3.0"), "{said}");
+    let reported = fault.to_string();
+    assert!(
+        reported.contains("Convert the recording to v3.0"),
+        "{reported}"
+    );
 }
 
 /// A table with rows twice: LeRobot's `recompute_stats` counts both copies.

@@ -63,7 +63,7 @@ fn v21_lines_that_are_wrong() {
             EPISODES,
             "\"episode_index\": 4",
             "\"episode_index\": 3",
-            "an earlier line says 38",
+            "an earlier line states 38",
         ),
         (
             EPISODES,

@@ -1,4 +1,4 @@
-//! Metadata in other words than LeRobot's: what says the same is read, and what LeRobot 0.6.1 reads wrongly is refused or read right.
+//! Metadata in other words than LeRobot's: what states the same is read, and what LeRobot 0.6.1 reads wrongly is refused or read right.
 //! `tests/fixtures/metadata/make.py` made the variants of `so100_sorting_two`, and noted what LeRobot makes of each.
 
 use std::collections::BTreeSet;

@@ -10,21 +10,24 @@ fn where_no_episode_was_finished_it_has_to_be_recorded_again() {
         recover(&root, &Out::new().path()).unwrap_err(),
     ];
     for error in errors {
-        let said = error.to_string();
+        let reported = error.to_string();
         let begin = format!("{}: no episode was finished", root.display());
-        assert!(said.starts_with(&begin), "{said}");
-        assert!(said.ends_with(": record again"), "{said}");
-        assert!(!said.contains("copy it again"), "{said}");
+        assert!(reported.starts_with(&begin), "{reported}");
+        assert!(reported.ends_with(": record again"), "{reported}");
+        assert!(!reported.contains("copy it again"), "{reported}");
     }
 }
 
 #[test]
 fn a_first_episode_with_rows_is_saved() {
     let root = unfinished("killed_in_first_encoding");
-    let said = Dataset::open(&root).unwrap_err().to_string();
+    let reported = Dataset::open(&root).unwrap_err().to_string();
     let sign = "(meta/info.json counts no episode, and ";
     let command = format!("zk0 dataset recover {} --out NEW_FOLDER", root.display());
-    assert!(said.contains(sign) && said.contains(&command), "{said}");
+    assert!(
+        reported.contains(sign) && reported.contains(&command),
+        "{reported}"
+    );
     let out = Out::new();
     let (report, saved) = out.of(&root);
     compare(&saved, &[0], LOSSY);
@@ -38,13 +41,13 @@ fn a_data_file_that_was_cut_off_names_both_ways_out() {
         copy.error().to_string()
     };
     let copy = copy_of("finished");
-    let said = cut(&copy, DATA);
+    let reported = cut(&copy, DATA);
     let root = copy.root().display();
     let advice = format!(
         "the file has no end: copy it again, or save the episodes before it with: zk0 dataset recover {root} --out NEW_FOLDER"
     );
-    assert!(said.contains("damaged parquet file: "), "{said}");
-    assert!(said.ends_with(&advice), "{said}");
+    assert!(reported.contains("damaged parquet file: "), "{reported}");
+    assert!(reported.ends_with(&advice), "{reported}");
     let out = Out::new();
     let (report, saved) = out.of(copy.root());
     // Half of such a small file is its index.
@@ -59,8 +62,8 @@ fn a_data_file_that_was_cut_off_names_both_ways_out() {
         ),
         ("../pictures/lerobot", DATA),
     ] {
-        let said = cut(&Copy::of(name), file);
-        assert!(said.contains("damaged parquet file: "), "{said}");
-        assert!(!said.contains("recover"), "{said}");
+        let reported = cut(&Copy::of(name), file);
+        assert!(reported.contains("damaged parquet file: "), "{reported}");
+        assert!(!reported.contains("recover"), "{reported}");
     }
 }

@@ -9,7 +9,7 @@ use super::*;
 fn the_encoder_says_nothing() {
     let test = "datasets::recover::encoded::the_encoder_says_nothing";
     match stderr_alone(test) {
-        Some(said) => assert_eq!(said, ""),
+        Some(reported) => assert_eq!(reported, ""),
         None => drop(Out::new().of(&unfinished("killed_in_batch"))),
     }
 }

@@ -12,7 +12,7 @@ use crate::datasets::picture_digests::{self, expected};
 
 const MANY_FILES: &str = "../videos_and_rows/merged_in_many_files";
 
-/// Digests of our pictures as the metadata says, with nothing put right.
+/// Digests of our pictures as the metadata states, with nothing put right.
 fn pictures(dataset: &Dataset) -> Vec<[String; 2]> {
     assert!(dataset.repairs().is_empty() && dataset.left_out().is_empty());
     picture_digests::pictures(dataset)

@@ -1,4 +1,4 @@
-//! Recordings that LeRobot 0.6.1 was ended in the middle of (see the fixtures' README): what is saved of them, what is said to be lost,
+//! Recordings that LeRobot 0.6.1 was ended in the middle of (see the fixtures' README): what is saved of them, what is stated to be lost,
 //! and where `recover` is named.
 
 mod advice;
@@ -434,7 +434,7 @@ fn a_video_that_was_being_copied_loses_its_episodes() {
     assert_eq!(report.lost.len(), 2);
 }
 
-/// Streaming encoding drops pictures where it is too slow: here 14 are left for 15 rows, and nothing says of which episode.
+/// Streaming encoding drops pictures where it is too slow: here 14 are left for 15 rows, and nothing states of which episode.
 #[test]
 fn pictures_that_were_dropped_are_not_guessed() {
     let copy = copy_of("killed_in_streaming");

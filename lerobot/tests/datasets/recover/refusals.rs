@@ -107,7 +107,7 @@ fn videos_of_another_size_than_the_metadata_says_are_not_saved() {
     assert!(
         error
             .to_string()
-            .contains("(height x width), meta/info.json says 66 x "),
+            .contains("(height x width), meta/info.json states 66 x "),
         "{error}"
     );
 }

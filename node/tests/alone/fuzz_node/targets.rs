@@ -52,17 +52,17 @@ fn base_losses() -> Target {
             fs::write(&file, bytes).unwrap();
             let read = losses.up_to(5, &base, || Ok(0.5));
             read.map(drop).map_err(|error| {
-                let said = without_path(&error.to_string(), dir.path());
+                let reported = without_path(&error.to_string(), dir.path());
                 // The file may name any network, root or weights, so the outcome leaves these out.
                 let quoted = [
                     "it belongs to network",
                     "whose digest is",
                     "begins with weights",
                 ];
-                let ends = quoted.iter().filter_map(|words| said.find(words));
+                let ends = quoted.iter().filter_map(|words| reported.find(words));
                 match ends.min() {
-                    Some(end) => said[..end].to_owned(),
-                    None => said,
+                    Some(end) => reported[..end].to_owned(),
+                    None => reported,
                 }
             })
         }),

@@ -54,7 +54,7 @@ impl State {
         }
     }
 
-    fn governs(&self, key: &NodeId) -> bool {
+    pub(super) fn governs(&self, key: &NodeId) -> bool {
         let governors = &self.rules.governance.governors;
         governors.iter().any(|governor| governor.key == *key)
     }

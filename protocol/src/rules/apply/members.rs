@@ -4,6 +4,7 @@ use crate::challenge::unanswered::CommitRecord;
 use crate::entries::identity::check_member_name;
 use crate::entries::member::NodeEnrolled;
 use crate::entries::member::Standing;
+use crate::entries::proposal::Action;
 use crate::entries::refusal::code::RefusalCode;
 use crate::entries::refusal::Refusal;
 use crate::entries::signed::{
@@ -102,11 +103,6 @@ impl State {
             });
         }
         self.check_replacement(&node, &with)
-    }
-
-    fn governs(&self, key: &NodeId) -> bool {
-        let governors = &self.rules.governance.governors;
-        governors.iter().any(|governor| governor.key == *key)
     }
 
     /// Gives a node, a governor, or who is both another key.

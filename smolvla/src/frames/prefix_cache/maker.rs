@@ -86,7 +86,8 @@ impl<'a> FrameMaker<'a> {
             (false, _) => None,
             (true, Some(variants)) => Some(variants.pictures(&frame.key, &decoded.images)),
             (true, None) => {
-                let why = "a transformed frame is asked for, and nothing says how to transform it";
+                let why =
+                    "a transformed frame is asked for, and nothing states how to transform it";
                 return Err(PolicyError::Sample(why.into()).into());
             }
         };

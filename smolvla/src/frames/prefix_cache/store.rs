@@ -25,7 +25,7 @@ pub struct DiskCache {
     budget: u64,
     state: Mutex<CacheState>,
     /// Whether a full cache has been logged.
-    said: AtomicBool,
+    reported: AtomicBool,
 }
 
 #[derive(Default)]
@@ -78,7 +78,7 @@ impl DiskCache {
             root: root.into(),
             budget,
             state: Mutex::new(state),
-            said: AtomicBool::new(false),
+            reported: AtomicBool::new(false),
         })
     }
 
@@ -103,7 +103,7 @@ impl DiskCache {
     /// They cannot be written.
     pub fn remember(&self, digests: &mut FileDigests) -> Result<(), CacheError> {
         match digests.save(&self.root.join("files.json")) {
-            Err(CacheError::Full { .. }) => self.say("its disk is full", "free some space"),
+            Err(CacheError::Full { .. }) => self.tell("its disk is full", "free some space"),
             other => other?,
         }
         Ok(())
@@ -175,12 +175,12 @@ impl DiskCache {
         let bytes = encode(key, sample);
         let size = bytes.len() as u64;
         if !self.make_room(size)? {
-            self.say("its budget is used up", "give it more (--cache-budget)");
+            self.tell("its budget is used up", "give it more (--cache-budget)");
             return Ok(false);
         }
         match self.write(key, &bytes) {
             Err(CacheError::Full { .. }) => {
-                self.say("its disk is full", "free some space");
+                self.tell("its disk is full", "free some space");
                 return Ok(false);
             }
             other => other?,
@@ -197,8 +197,8 @@ impl DiskCache {
         atomic_file::write(&path, Durability::Cache, |out| out.write_all(bytes)).map_err(at(&path))
     }
 
-    fn say(&self, full: &str, remedy: &str) {
-        if !self.said.swap(true, Ordering::Relaxed) {
+    fn tell(&self, full: &str, remedy: &str) {
+        if !self.reported.swap(true, Ordering::Relaxed) {
             tracing::warn!(
                 "the prefix cache {} takes no more samples: {full}. Samples that are not in it are computed whenever they are needed, \
                  which is slower. To change that, {remedy}",

@@ -155,7 +155,7 @@ impl Run {
         let mut trainer = self.trainer();
         match self.snapshots(&trainer).resume(&mut trainer) {
             Ok(Some(_)) => Ok(()),
-            // The run goes on from an earlier snapshot if there is one, and its log says why.
+            // The run goes on from an earlier snapshot if there is one, and its log states why.
             Ok(None) => Err("damaged".into()),
             Err(SnapshotError::OtherRun { what, .. }) => Err(format!("another {what}")),
             Err(error) => Err(error.to_string().replace(path(self.dir.path()), "")),

@@ -49,7 +49,7 @@ const ON_THE_WAY: Duration = Duration::from_millis(400);
 /// How long a newcomer tries.
 const PATIENCE: Duration = Duration::from_secs(15);
 
-/// Relays one connection after the other from an address of its own to the aggregator at `url`, and is slow with what the client says
+/// Relays one connection after the other from an address of its own to the aggregator at `url`, and is slow with what the client states
 /// first. Returns its own URL.
 async fn far_away(url: &str) -> String {
     let aggregator: SocketAddr = url.strip_prefix("http://").unwrap().parse().unwrap();

@@ -42,11 +42,11 @@ async fn carry_out() -> Outcome {
     node.upload(&network, 0, &update).await.unwrap();
     let commitment = node.commitment(&network.genesis.network_id(), 0, &update);
     let mut signed = Signed::new(commitment, &node.key);
-    let said = borsh::to_vec(&Body::UpdateCommitted(signed.clone())).unwrap();
+    let reported = borsh::to_vec(&Body::UpdateCommitted(signed.clone())).unwrap();
     signed.statement.eval_samples += 1;
     let message = with_leaves(&Body::UpdateCommitted(signed.clone()), Vec::new());
-    // The head is the node's own, of what the node has said.
-    let request = network.request(&node.key, Method::Record, Some(0), &said, message);
+    // The head is the node's own, of what the node has stated.
+    let request = network.request(&node.key, Method::Record, Some(0), &reported, message);
     let receipt = network.client().await.record(request).await;
     answered(receipt, |_| {
         format!(

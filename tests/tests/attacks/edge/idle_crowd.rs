@@ -1,4 +1,4 @@
-//! Row 16. Strangers open as many connections as the service has places for, say nothing more, and keep nodes out.
+//! Row 16. Strangers open as many connections as the service has places for, state nothing more, and keep nodes out.
 
 use super::crowds::{is_answered, with_places};
 use crate::attacks::attack::{over_the_network, Attack, Defence, Outcome, Proof};

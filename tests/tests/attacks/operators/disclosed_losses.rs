@@ -1,4 +1,4 @@
-//! Row 15. The network's genesis lets nobody know the losses. A contribution says them all the same: with a client that its aggregator
+//! Row 15. The network's genesis lets nobody know the losses. A contribution states them all the same: with a client that its aggregator
 //! wrote, for example.
 
 use crate::attacks::attack::{over_the_network, Attack, Defence, Outcome, Proof};
@@ -39,7 +39,7 @@ async fn carry_out() -> Outcome {
     let Losses::Disclosed { before, after, .. } = claim.losses else {
         panic!("the claim discloses nothing");
     };
-    let won = format!("the round counts a claim that says the losses {before} and {after}");
+    let won = format!("the round counts a claim that states the losses {before} and {after}");
     submitted(&network, &node, claim, &won).await
 }
 

@@ -45,7 +45,7 @@ async fn carry_out() -> Outcome {
     drop(ledger);
     audited(
         copy.path(),
-        "the audit says VERIFIED of a contribution without a proof",
+        "the audit states VERIFIED of a contribution without a proof",
     )
 }
 

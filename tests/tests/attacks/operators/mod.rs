@@ -11,7 +11,7 @@ use std::path::Path;
 use zk0_audit::Auditor;
 use zk0_ledger::replay::{replay, Verdict};
 
-/// What an auditor says of the ledger in `dir`, who verifies everything. The attack has succeeded if that is VERIFIED.
+/// What an auditor states of the ledger in `dir`, who verifies everything. The attack has succeeded if that is VERIFIED.
 fn audited(dir: &Path, won: &str) -> Outcome {
     let report = replay(dir, None, &mut Auditor::default());
     match report.verdict {

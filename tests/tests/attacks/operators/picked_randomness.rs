@@ -58,7 +58,7 @@ fn carry_out() -> Outcome {
     operator.forge(Body::RandomnessDrawn(RandomnessDrawn { round: 0, drawing }));
     audited(
         dir.path(),
-        "the audit says VERIFIED of randomness that the aggregator picked for a friend",
+        "the audit states VERIFIED of randomness that the aggregator picked for a friend",
     )
 }
 

@@ -36,7 +36,7 @@ fn carry_out() -> Outcome {
     ));
     audited(
         dir.path(),
-        "the audit says VERIFIED of a network that proves nothing",
+        "the audit states VERIFIED of a network that proves nothing",
     )
 }
 

@@ -1,7 +1,7 @@
 //! Row 11. A prover states a false sum of products, of activations with weights, and guesses the random points at which the verifier looks.
 //! With a message that suits the guess, it makes the false sum come out right there.
 //!
-//! The guess is what the transcript says next if nothing else is said. So it is wrong as long as the transcript depends on what is said.
+//! The guess is what the transcript states next if nothing else is stated. So it is wrong as long as the transcript depends on what is stated.
 
 use crate::attacks::attack::{Attack, Defence, Outcome, Proof};
 use zk0_argument::field::{Extension, Goldilocks};
@@ -18,7 +18,7 @@ pub const ATTACK: Attack = Attack {
     reason: "the sumcheck of the products does not hold",
     proof: Proof::NotNeeded,
     defence: Defence {
-        check: "the transcript, of which the random points are drawn, depends on all that the prover said",
+        check: "the transcript, of which the random points are drawn, depends on all that the prover stated",
         out: &[SourceChange {
             file: "argument/src/transcript.rs",
             replacements: &[(

@@ -1,4 +1,4 @@
-//! Row 12. A node runs a guest program of its own, which checks nothing, and submits the proof of what that says.
+//! Row 12. A node runs a guest program of its own, which checks nothing, and submits the proof of what that states.
 
 use crate::attacks::attack::{over_the_network, Attack, Defence, Outcome, Proof};
 use crate::attacks::scene::{commit, near_base, proving_network, submitted};

@@ -193,9 +193,11 @@ impl Process {
         let log = String::from_utf8_lossy(&log[..count]);
         let line = log.lines().next().unwrap_or_default();
         // The bracketed part holds an address.
-        let said = line.rsplit_once("] ").map_or(line, |(_, said)| said);
+        let reported = line
+            .rsplit_once("] ")
+            .map_or(line, |(_, reported)| reported);
         Err(format!(
-            "does not decode, as in a damaged file, or one of the next: FFmpeg says {said:?}"
+            "does not decode, as in a damaged file, or one of the next: FFmpeg states {reported:?}"
         ))
     }
 

@@ -1,0 +1,24 @@
+//! Checks of an aggregator whose witnesses do not cosign.
+
+use super::{aggregator, Removal};
+
+const CLIENT: &str = "aggregator/src/publish/witness_client.rs";
+
+#[rustfmt::skip]
+pub const REMOVALS: &[Removal] = &[
+    aggregator("a cosignature is kept for its checkpoint", CLIENT, filtered!("signed.filter(|signed| signed.checkpoint == checkpoint)"),
+        "a_witness_that_has_cosigned_a_checkpoint_is_not_asked_for_it_again"),
+    aggregator("a witness that refuses is asked after growing waits", CLIENT, always!("Instant::now() >= outage.next"),
+        "a_witness_that_refuses_is_asked_less_and_less"),
+    aggregator("a witness chooses when it is asked again", CLIENT, instead!("why.told()", "Duration::ZERO"),
+        "a_witness_is_asked_no_sooner_than_it_wants_to_be"),
+    aggregator("a witness does not choose a time that never comes", CLIENT, instead!("(*after).min(MOST_TOLD)", "*after"),
+        "a_witness_is_asked_no_sooner_than_it_wants_to_be"),
+    aggregator("a quorum is enough to publish the closing of commitments", "aggregator/src/serve/publishing.rs",
+        &[("if size > published {", "if size > published && !(OUT && draws.is_some()) {")],
+        "all_witnesses_draw_the_randomness_and_one_of_them_may_be_late"),
+    aggregator("a vote counts without the witnesses", "aggregator/src/serve/federation_service.rs",
+        &[("if governs => true,", "if governs && !OUT => true,")], "a_policy_that_is_not_met_is_voted_away"),
+    aggregator("new witnesses are asked before their vote is settled", "aggregator/src/round/outage.rs",
+        never!("is_new && !asked && *outcome == Outcome::Executed"), "a_policy_that_is_not_met_is_voted_away"),
+];
