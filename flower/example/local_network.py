@@ -95,7 +95,7 @@ class Network:
         rules = json.loads(self.program("aggregator", "rules")) | dict(self.rules)
         (self.out / "rules.json").write_text(json.dumps(rules))
         ledger = ["aggregator", "init", self.out / "ledger", "--name", "zk0-flower", "--key", self.out / "log.key"]
-        self.program(*ledger, "--rules", self.out / "rules.json", *enrol)
+        self.program(*ledger, "--rules", self.out / "rules.json", "--rules-never-change", *enrol)
         self.network = json.loads(self.program("audit", "show", self.out / "ledger", "--json"))["network"]["id"]
 
     def _write_settings(self, node: Node) -> None:

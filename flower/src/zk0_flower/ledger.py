@@ -107,7 +107,7 @@ def read_round(number: int, said: Mapping[str, Any]) -> LedgerRound:
     """Reads what ``zk0 audit show --round --json`` says."""
     entries, known = said["entries"], said["round"]
     of = {
-        kind: {node: entry["says"] for entry in entries if entry["kind"] == kind for node in entry["nodes"]}
+        kind: {node: entry["states"] for entry in entries if entry["kind"] == kind for node in entry["nodes"]}
         for kind in ("commitment", "accepted", "refused")
     }
     opened = next(entry for entry in entries if entry["kind"] == "round opened")
