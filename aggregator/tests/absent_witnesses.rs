@@ -22,7 +22,7 @@ use zk0_protocol::tlog::cosigner::Cosigner;
 use zk0_protocol::{Rules, WitnessPolicy};
 use zk0_testkit::aggregator::operator::{proposed, voted};
 use zk0_testkit::aggregator::witnesses::{ledger, log_verifier, three, DEADLINE};
-use zk0_testkit::aggregator::{genesis, Network, VOTING_MS};
+use zk0_testkit::aggregator::{committed, genesis, Network, SigningNode, COMMIT_MS, VOTING_MS};
 use zk0_testkit::until_async;
 
 const CONFIG: Config = Config {
@@ -195,4 +195,48 @@ async fn a_policy_that_is_not_met_is_voted_away() {
     let outcome = until_async("the proposal is settled", settled).await;
     assert_eq!(outcome, Outcome::Executed);
     assert_eq!(refusing.requests.load(Ordering::SeqCst), 1);
+}
+
+/// A vote takes effect between rounds, so an open round ends, though nobody sees its end.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_round_ends_where_a_vote_for_other_witnesses_waits_for_its_end() {
+    let (mut witnesses, policy) = three().await;
+    let (limits, config) = (Limits::default(), CONFIG);
+    let node = SigningNode::new(1);
+    let network = Network::start_as(&[&node], config, limits, genesis(), Some(policy), None).await;
+    node.register(&network).await.unwrap();
+    let published = async || network.round(None).await.opened;
+    until_async("the round is published", published).await;
+    committed(&network, &node, 0, 1).await;
+    witnesses[0].off().await;
+    witnesses[1].off().await;
+    let refusing = Refusing::start(StatusCode::NOT_FOUND, "0").await;
+    let rules = Rules {
+        witness_policy: refusing.policy().text().into(),
+        ..network.genesis.rules.clone()
+    };
+    let propose = |aggregator: &mut Aggregator| {
+        let action = Action::ChangeRules(Box::new(rules));
+        Ok(proposed(aggregator.state(), action))
+    };
+    let record = async |body: Body| {
+        let request = network.recording(&body);
+        network.client().await.record(request).await.unwrap();
+    };
+    record(network.service().with(propose).await.unwrap()).await;
+    let vote = |aggregator: &mut Aggregator| Ok(voted(aggregator.state(), Ballot::For));
+    record(network.service().with(vote).await.unwrap()).await;
+    let rules = &network.genesis.rules;
+    network
+        .clock
+        .advance(VOTING_MS + COMMIT_MS + rules.randomness_window_ms + 1);
+    let settled = async || match network.last().await {
+        Body::ProposalSettled(settled) => Some(settled.outcome),
+        _ => {
+            network.clock.advance(rules.randomness_window_ms);
+            None
+        }
+    };
+    let outcome = until_async("the proposal is settled", settled).await;
+    assert_eq!(outcome, Outcome::Executed);
 }

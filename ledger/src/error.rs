@@ -79,6 +79,9 @@ pub enum LedgerError {
     /// There is no ledger, neither in the folder nor in the store.
     #[error("there is no ledger in {dir}, and the blob store {address} holds no entries of one: name the right folder or store, or found a network with `zk0 aggregator init`")]
     NoEntries { dir: PathBuf, address: String },
+    /// The store overwrites what it is asked to create.
+    #[error("the blob store {0} overwrites an object that it is asked to create (it ignores `If-None-Match: *`), so two aggregators could write one log there: use another store")]
+    NoFence(String),
     /// The log in the store has another key.
     #[error("the blob store {address} holds the log of network {network}, and the signing key is not its log key: name the right key or store")]
     EntriesOfOther { address: String, network: Digest },

@@ -32,6 +32,9 @@ const VERSION: u8 = 1;
 /// A group that is made of entries on disk ends at the first checkpoint after so many.
 const LARGE_GROUP: usize = 1024;
 
+/// It also ends at the first checkpoint after so many bytes.
+const LARGE_GROUP_BYTES: usize = 8 << 20;
+
 /// The store is asked for the groups of so many entries before the last one on disk. If it has none of these, it is asked for all.
 const RECENT: u64 = 4096;
 
@@ -173,7 +176,19 @@ pub(crate) fn reconcile(
     if stored < held {
         put_rest(database, store, stored..held)?;
     }
+    check_fence(store)?;
     Ok(stored > held)
+}
+
+/// Checks that the store refuses to create what it has, because that fences aggregators off from each other. Not every service that speaks
+/// S3 knows `If-None-Match`.
+fn check_fence(store: &dyn EntryStore) -> Result<(), LedgerError> {
+    let first = get(store, 0)?.ok_or_else(|| missing(store, 0))?;
+    let overwrites = store.create_group(0, &first).map_err(BlobError::from)?;
+    if overwrites {
+        return Err(LedgerError::NoFence(store.place().into()));
+    }
+    Ok(())
 }
 
 /// The groups from the last one on that begins with entry `held` or earlier, in order. Without such a group, all of them.
@@ -277,15 +292,18 @@ fn put_rest(
     entries: std::ops::Range<u64>,
 ) -> Result<(), LedgerError> {
     let (mut first, end, count) = (entries.start, entries.end, entries.end - entries.start);
-    let mut group = Vec::new();
+    let (mut group, mut size) = (Vec::new(), 0);
     for index in entries {
         let bytes = database.entry(index)?.ok_or(LedgerError::NoEntry(index))?;
         let checkpoint = database.checkpoint(index + 1)?;
         let may_end = checkpoint.is_some();
+        size += bytes.len();
         group.push(StoredEntry { bytes, checkpoint });
-        if may_end && (group.len() >= LARGE_GROUP || index + 1 == end) {
+        let is_large = group.len() >= LARGE_GROUP || size >= LARGE_GROUP_BYTES;
+        if may_end && (is_large || index + 1 == end) {
             put(store, first, &encode(&group))?;
             first = index + 1;
+            size = 0;
             group.clear();
         }
     }

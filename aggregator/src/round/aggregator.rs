@@ -45,7 +45,7 @@ pub struct Config {
 pub struct Aggregator {
     pub(super) ledger: Ledger,
     pub(super) staging: Staging,
-    clock: Arc<dyn Clock>,
+    pub(super) clock: Arc<dyn Clock>,
     pub(super) arrivals: Arc<Arrivals>,
     pub(super) presence: Arc<Presence>,
     /// Present nodes when a round last waited, so that the log states it once.
@@ -229,9 +229,11 @@ impl Aggregator {
     }
 
     pub(super) fn append_at(&mut self, time_ms: u64, body: Body) -> Result<Receipt, RequestError> {
+        let begin_ms = self.clock.now_ms();
         let receipt = self.ledger.append(time_ms, body.clone())?;
         self.index.observe(receipt.index, &body);
         self.index.observe_program(self.ledger.state());
+        self.after_recording(begin_ms);
         Ok(receipt)
     }
 }

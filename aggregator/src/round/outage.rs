@@ -7,9 +7,7 @@ use crate::round::request_error::RequestError;
 use zk0_ledger::folder;
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::proposal::{Action, Outcome};
-
-/// A shorter outage moves no deadline, unless one passed meanwhile.
-const LEAST_OUTAGE_MS: u64 = 60_000;
+use zk0_protocol::rules::apply::LEAST_OUTAGE_MS;
 
 impl Aggregator {
     /// Moves the open round's deadlines by the time that no aggregator ran. The file `alive` tells until when one did. On a new machine,
@@ -34,15 +32,23 @@ impl Aggregator {
         }
     }
 
+    /// Moves the deadline if what was recorded just now took that long since `begin_ms`: the store of the entries was away, and nobody else got
+    /// the aggregator.
+    pub(super) fn after_recording(&mut self, begin_ms: u64) {
+        if self.clock.now_ms().saturating_sub(begin_ms) >= LEAST_OUTAGE_MS {
+            if let Err(error) = self.after_outage(begin_ms) {
+                tracing::warn!("the deadline of the round does not move by the outage: {error}");
+            }
+        }
+    }
+
     fn after_outage(&mut self, since_ms: u64) -> Result<(), RequestError> {
         let now = self.now_ms();
-        let away_ms = now.saturating_sub(since_ms);
-        let missed = self
-            .passed_deadline(now)
-            .is_some_and(|deadline_ms| deadline_ms >= since_ms);
-        if away_ms < LEAST_OUTAGE_MS && !missed {
+        let passed = self.passed_deadline(now);
+        if passed.is_some_and(|deadline_ms| deadline_ms < since_ms) {
             return Ok(());
         }
+        let away_ms = now.saturating_sub(since_ms);
         if let Some(moved) = self.state().next_move(now, away_ms) {
             let (round, seconds) = (moved.round, moved.by_ms / 1000);
             self.append_at(now, Body::DeadlinesMoved(moved))?;
@@ -55,11 +61,17 @@ impl Aggregator {
     }
 
     /// Whether a step waits until the one before it is published. Otherwise a window would begin, or end, before anybody could know. Votes do
-    /// not wait: one may name other witnesses.
-    pub(super) fn waits_for_witnesses(&self, step: RoundStep) -> bool {
+    /// not wait: one may name other witnesses. So a round ends, without randomness if it has none, where a proposal waits for its end.
+    pub(super) fn waits_for_witnesses(&self, step: RoundStep, now_ms: u64) -> bool {
+        let waits = match step {
+            RoundStep::Settle(_) | RoundStep::Resolve(_) => false,
+            RoundStep::CloseCommitments(_) | RoundStep::Close(_) => {
+                self.state().due(now_ms).is_none()
+            }
+            RoundStep::Open(_) | RoundStep::Draw(_) => true,
+        };
         let unseen = |published| self.last_step().is_some_and(|last| last >= published);
-        let of_round = !matches!(step, RoundStep::Settle(_) | RoundStep::Resolve(_));
-        of_round && self.published.is_some_and(unseen)
+        waits && self.published.is_some_and(unseen)
     }
 
     /// The witnesses to ask before this proposal is settled: those of a policy that it puts into force. They are asked once.

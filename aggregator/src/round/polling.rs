@@ -40,7 +40,7 @@ impl Aggregator {
         }
         let step = match due(self.state(), &self.config, now) {
             Due::Later(until_ms) => return Ok(Polled::Idle(until_ms)),
-            Due::Now(step) if self.waits_for_witnesses(step) => return Ok(Polled::Idle(None)),
+            Due::Now(step) if self.waits_for_witnesses(step, now) => return Ok(Polled::Idle(None)),
             Due::Now(step) => step,
         };
         match step {
@@ -279,7 +279,13 @@ impl Aggregator {
     pub fn to_cosign(&self) -> Result<ToCosign, RequestError> {
         let state = self.state();
         let from_witnesses = state.rules().randomness == RandomnessSource::Witnesses;
-        let closing = state.to_draw(self.now_ms()).filter(|_| from_witnesses);
+        // Whoever has cosigned a later checkpoint does not cosign this one.
+        let may_come = |entry| {
+            self.published
+                .is_none_or(|published| published <= entry + 1)
+        };
+        let closing = state.to_draw(self.now_ms());
+        let closing = closing.filter(|closing| from_witnesses && may_come(closing.entry));
         match (closing, state.round()) {
             (Some(closing), Some(round)) => {
                 let size = closing.entry + 1;

@@ -10,7 +10,9 @@ use std::time::Duration;
 use tokio::time::{sleep, timeout};
 use tracing::Instrument;
 use zk0_ledger::clock::ClockError;
+use zk0_ledger::folder;
 use zk0_protocol::rpc::federation::trouble::Kind;
+use zk0_protocol::WitnessPolicy;
 
 /// Each try reads large files, or the whole ledger.
 const BLOCKED_RETRY: Duration = Duration::from_secs(5);
@@ -86,6 +88,10 @@ impl Service {
             aggregator.ledger().check_writable()?;
             if aggregator.state().rules().witness_policy == witnesses {
                 return Ok(());
+            }
+            if aggregator.state().rules().witness_policy.is_empty() {
+                // The folder keeps the one that the rules had.
+                folder::write_policy(aggregator.ledger().dir(), &WitnessPolicy::none())?;
             }
             let why =
                 "the rules have a new witness policy: start the aggregator again with it".into();

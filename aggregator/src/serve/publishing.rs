@@ -12,6 +12,7 @@ use tracing::{info_span, Instrument};
 use zk0_ledger::folder;
 use zk0_protocol::challenge::drawing::Drawing;
 use zk0_protocol::rpc::federation::trouble::Kind;
+use zk0_protocol::WitnessPolicy;
 
 /// The status while the quorum is not met. The log names the witnesses.
 const TOO_FEW: &str =
@@ -29,6 +30,18 @@ enum PublishingStep {
 }
 
 impl Service {
+    /// Whether the folder's cosigned checkpoint is of another policy, as after a vote: then no witness of this one may have seen the log.
+    pub async fn is_new_policy(&self, policy: WitnessPolicy) -> Result<bool, RequestError> {
+        let is_new = self.with(move |aggregator| {
+            let ledger = aggregator.ledger();
+            let key = ledger.state().genesis().verifier_key();
+            let key = key.map_err(|error| RequestError::Internal(error.to_string()))?;
+            let text = folder::read_cosigned(ledger.dir())?;
+            Ok(text.is_some_and(|text| policy.open(&text, &key).is_err()))
+        });
+        is_new.await
+    }
+
     /// Has each new checkpoint cosigned, and publishes it, until the disk fails.
     pub(super) async fn publish(&self) -> RequestError {
         let Some(publishing) = &self.publishing else {

@@ -1,7 +1,7 @@
 //! Entries are in the bucket before they are acknowledged. Who wants one recorded waits while the bucket does not take it. Where another
 //! aggregator has stored entries, nothing is recorded any more.
 
-use super::{started, AT_ONCE};
+use super::{started, started_as, AT_ONCE};
 use std::fs;
 use tokio::time::timeout;
 use tonic::Code;
@@ -72,4 +72,33 @@ async fn where_another_aggregator_has_stored_entries_nothing_is_acknowledged() {
         matches!(fenced, Err(LedgerError::OtherEntries { index, .. }) if index == before as u64),
         "{fenced:?}"
     );
+}
+
+/// Nobody else got the aggregator meanwhile.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_deadline_moves_by_the_time_that_the_bucket_was_away() {
+    let Some(s3) = S3::start() else { return };
+    let (node, other) = (SigningNode::new(1), SigningNode::new(2));
+    let network = started_as(&s3, &[&node, &other], genesis(), 1).await;
+    node.register(&network).await.unwrap();
+    other.register(&network).await.unwrap();
+    network.settle().await;
+    let update = weights(1);
+    node.upload(&network, 0, &update).await.unwrap();
+    s3.network.fail_next(STORING, Fault::Unavailable, 1000);
+    let troubles = network.service().troubles().clone();
+    let is_away = || troubles.lasting(Kind::BlobStore).is_some();
+    let meanwhile = async {
+        until_async("the bucket is trouble", async || is_away()).await;
+        network.clock.advance(2 * COMMIT_MS);
+        s3.network.mend();
+    };
+    let (committed, ()) = tokio::join!(node.commit(&network, 0, &update), meanwhile);
+    committed.unwrap();
+    let Body::DeadlinesMoved(moved) = network.last().await else {
+        panic!("the deadline has not moved");
+    };
+    assert_eq!(moved.by_ms, 2 * COMMIT_MS);
+    other.upload(&network, 0, &weights(2)).await.unwrap();
+    other.commit(&network, 0, &weights(2)).await.unwrap();
 }

@@ -180,10 +180,14 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
             let patience = Duration::from_secs(options.witness_seconds);
             let authorities =
                 Authorities::of_system("--witness-ca").in_file(options.witness_ca.clone());
+            let is_new = service.is_new_policy(policy.clone()).await?;
             let witnesses = Arc::new(Witnesses::believing(policy, patience, &authorities)?);
-            tokio::select! {
-                () = &mut stop => return Ok(()),
-                checked = not_behind(&witnesses, checkpoint, prove) => checked?,
+            // If the witnesses of a new policy never answer, a vote has to be able to replace them.
+            if !is_new {
+                tokio::select! {
+                    () = &mut stop => return Ok(()),
+                    checked = not_behind(&witnesses, checkpoint, prove) => checked?,
+                }
             }
             service = service.witnessed(witnesses).await?;
         }

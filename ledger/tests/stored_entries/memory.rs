@@ -27,6 +27,8 @@ pub struct Kept {
     pub failures: usize,
     /// After which the group is there nevertheless.
     pub late: bool,
+    /// Whether it overwrites what it is asked to create.
+    pub overwrites: bool,
 }
 
 impl Memory {
@@ -120,6 +122,10 @@ impl EntryStore for Memory {
                     what: "storing".into(),
                     why: "away".into(),
                 });
+            }
+            if kept.overwrites {
+                kept.groups.insert(first, group.to_vec());
+                return Ok(true);
             }
             let is_new = !kept.groups.contains_key(&first);
             kept.groups.entry(first).or_insert_with(|| group.to_vec());

@@ -393,3 +393,15 @@ fn a_folder_that_has_lost_its_database_is_not_filled() {
     let refused = grown.refuses("there is no ledger in");
     assert!(matches!(refused, LedgerError::NoLedger(_)));
 }
+
+/// There, two aggregators would both go on.
+#[test]
+fn a_store_that_overwrites_is_refused() {
+    let grown = Grown::new();
+    grown.memory.change(|kept| kept.overwrites = true);
+    let refused = grown.memory.open(grown.dir()).map(drop);
+    assert!(
+        matches!(refused, Err(LedgerError::NoFence(_))),
+        "{refused:?}"
+    );
+}

@@ -81,8 +81,12 @@ pub async fn have_proven(
 /// Ready when the round takes no more submissions: after its whole window, if the aggregator is away.
 async fn submissions_end(node: &mut NodeClient, opened: &RoundOpened) {
     let whole = Duration::from_millis(opened.rules.submit_window_ms);
-    if let Ok(left) = timeout(whole, node.submissions_end_in(opened)).await {
-        sleep(left.unwrap_or(whole)).await;
+    // An outage may move the deadline meanwhile.
+    while let Ok(left) = timeout(whole, node.submissions_end_in(opened)).await {
+        sleep(*left.as_ref().unwrap_or(&whole)).await;
+        if left.map_or(true, |left| left.is_zero()) {
+            return;
+        }
     }
 }
 

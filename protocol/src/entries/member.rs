@@ -27,6 +27,13 @@ pub enum Standing {
     SuspendedByOperator,
 }
 
+impl Standing {
+    /// Whether a node's credits vote. The operator's suspensions take no votes; otherwise it could decide about proposals.
+    pub fn votes(self) -> bool {
+        matches!(self, Self::Active | Self::SuspendedByOperator)
+    }
+}
+
 impl std::fmt::Display for Standing {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {

@@ -384,10 +384,13 @@ impl Rules {
                 "it has {size} bytes; at most {MAX_WITNESS_POLICY_BYTES} are possible"
             ))),
             _ => match WitnessPolicy::parse(&self.witness_policy) {
-                Ok(policy) if policy.wants_witnesses() => Ok(policy),
-                Ok(_) => Err(bad(
+                Ok(policy) if !policy.wants_witnesses() => Err(bad(
                     "it requires no cosignature: leave it empty, or name a quorum".into(),
                 )),
+                Ok(policy) => match policy.witnesses().iter().find(|one| one.url.is_none()) {
+                    Some(one) => Err(bad(format!("witness {} has no address", one.name))),
+                    None => Ok(policy),
+                },
                 Err(error) => Err(bad(error.to_string())),
             },
         }

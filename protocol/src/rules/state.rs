@@ -122,8 +122,10 @@ pub struct Round {
     pub moments: Option<Digest>,
     /// When the aggregator first requested a lost file, in Unix milliseconds, by the node of the contribution.
     pub lost: BTreeMap<NodeId, u64>,
-    /// By how much its deadlines have moved in all, in milliseconds.
+    /// By how much outages have moved the deadline of its present phase, in milliseconds.
     pub moved_ms: u64,
+    /// Whether an outage moved the deadline of its commitments.
+    pub commitments_moved: bool,
 }
 
 /// The randomness of the open round.

@@ -132,9 +132,6 @@ pub enum RuleViolation {
     /// The new key is a governor's.
     #[error("{0} is the key of a governor already: make another key")]
     GovernorsKey(NodeId),
-    /// The governor's key was replaced before, and a vote named it again.
-    #[error("the key {0} was replaced once: only a vote can replace it again")]
-    KeyRetired(NodeId),
     /// The key was changed too often.
     #[error("{node} has changed its key {limit} times: only a vote can give it another")]
     TooManyKeys { node: NodeId, limit: usize },
@@ -190,12 +187,15 @@ pub enum RuleViolation {
     #[error("round {0} has no deadline that could move: all that it waits for is decided")]
     NoDeadline(u64),
     /// The deadlines move by more than the outage, or than all outages of a round may.
-    #[error("the deadlines of round {round} cannot move by {by_ms} ms: {most_ms} ms have passed since the last entry, or are left of 30 days for all outages of a round")]
+    #[error("the deadline of round {round} cannot move by {by_ms} ms: {most_ms} ms have passed since the last entry, or are left of 30 days for all outages of a phase")]
     MovedTooFar {
         round: u64,
         by_ms: u64,
         most_ms: u64,
     },
+    /// The outage is too short, and no deadline passed in it.
+    #[error("the deadline of round {0} does not move by an outage of less than a minute in which it did not pass")]
+    ShortOutage(u64),
     /// The deadlines do not fit in 64 bits.
     #[error("round {0}'s deadlines do not fit in 64 bits")]
     EndOfTime(u64),

@@ -3,8 +3,8 @@
 use ed25519_dalek::SigningKey;
 use zk0_circuits::NodeId;
 use zk0_protocol::entries::member::Standing;
-use zk0_protocol::entries::proposal::Action;
-use zk0_protocol::entries::signed::{Dispute, Evidence, OperatorDecision};
+use zk0_protocol::entries::proposal::{Action, Ballot};
+use zk0_protocol::entries::signed::{Dispute, Evidence, OperatorDecision, Vote};
 use zk0_protocol::rules::network_rules::EnrolmentRule;
 use zk0_protocol::{Body, Genesis, Refusal, RefusalCode, RuleViolation, Rules, Signed, State};
 use zk0_testkit::network::*;
@@ -46,7 +46,6 @@ fn a_suspended_node_takes_no_part_until_the_operator_reinstates_it() {
     let before = chain.state.node(&id(1)).unwrap().clone();
     chain.apply(decided(&chain.state, 1, true));
     assert_eq!(standing(&chain, 1), Standing::SuspendedByOperator);
-    assert!(!chain.state.electorate().contains_key(&id(1)));
     assert_eq!(chain.state.expected().collect::<Vec<_>>(), [&id(0)]);
     chain.open();
     let refused = chain.refusal(committed(&chain.state, 1, weights(0x12)));
@@ -59,6 +58,33 @@ fn a_suspended_node_takes_no_part_until_the_operator_reinstates_it() {
     chain.apply(decided(&chain.state, 1, false));
     assert_eq!(chain.state.node(&id(1)), Some(&before));
     chain.apply(committed(&chain.state, 1, weights(0x12)));
+}
+
+/// Otherwise the operator would pass what its friends propose.
+#[test]
+fn an_operators_decision_changes_no_vote() {
+    let mut chain = earned();
+    let voters = chain.state.electorate();
+    assert!(voters.contains_key(&id(1)));
+    let rules = Action::ChangeRules(Box::new(Rules {
+        min_eval_samples: 7,
+        ..genesis().rules
+    }));
+    chain.apply(votes::proposed(&chain.state, 0, rules));
+    let vote = Vote {
+        network: *chain.state.network(),
+        proposal: 0,
+        of: votes::digest_of(&chain.state, 0),
+        voter: id(1),
+        ballot: Ballot::Against,
+    };
+    chain.apply(Body::Voted(Signed::new(vote, &key(1))));
+    let tally = chain.state.proposals()[&0].tally();
+    assert!(tally.against > 0);
+    chain.apply(decided(&chain.state, 1, true));
+    assert_eq!(chain.state.electorate(), voters);
+    chain.apply(decided(&chain.state, 1, false));
+    assert_eq!(chain.state.proposals()[&0].tally(), tally);
 }
 
 /// Otherwise the operator would choose among contributions that it has seen.

@@ -19,6 +19,8 @@ pub const REMOVALS: &[Removal] = &[
         "all_witnesses_draw_the_randomness_and_one_of_them_may_be_late"),
     aggregator("a vote counts without the witnesses", "aggregator/src/serve/federation_service.rs",
         &[("if governs => true,", "if governs && !OUT => true,")], "a_policy_that_is_not_met_is_voted_away"),
+    aggregator("a round ends where a vote waits for its end", "aggregator/src/round/outage.rs",
+        instead!("self.state().due(now_ms).is_none()", "true"), "a_round_ends_where_a_vote_for_other_witnesses_waits_for_its_end"),
     aggregator("new witnesses are asked before their vote is settled", "aggregator/src/round/outage.rs",
         never!("is_new && !asked && *outcome == Outcome::Executed"), "a_policy_that_is_not_met_is_voted_away"),
 ];

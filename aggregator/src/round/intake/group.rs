@@ -25,6 +25,7 @@ impl Aggregator {
             time_ms: *time_ms,
             body: one.body(),
         });
+        let begin_ms = self.clock.now_ms();
         let outcomes = match self.ledger.commit(wanted.collect()) {
             Ok(outcomes) => outcomes,
             Err(error) => {
@@ -44,7 +45,9 @@ impl Aggregator {
             }
             Ok(index)
         };
-        outcomes.into_iter().zip(all).map(recorded).collect()
+        let recorded = outcomes.into_iter().zip(all).map(recorded).collect();
+        self.after_recording(begin_ms);
+        recorded
     }
 
     fn take(&mut self, judged: DecidedSubmission) {

@@ -87,12 +87,7 @@ impl State {
         if self.governs(&with) {
             return Err(RuleViolation::GovernorsKey(with));
         }
-        let governs = self.governs(&node);
-        // A vote can name a governor's former key again. Its old rotation must not count again.
-        if governs && self.retired.contains_key(&node) {
-            return Err(RuleViolation::KeyRetired(node));
-        }
-        if !governs || self.nodes.contains_key(&node) {
+        if !self.governs(&node) {
             self.active(&node)?;
         }
         let former = self.retired.values().filter(|key| **key == node);
@@ -116,7 +111,10 @@ impl State {
             }
             self.rename_voter(old, new);
         }
-        self.replace_key(old, new);
+        // A vote may have given the node of a governor another key.
+        if !self.retired.contains_key(old) {
+            self.replace_key(old, new);
+        }
     }
 
     /// Moves votes, proposals and disputes to another key.

@@ -1,12 +1,16 @@
 //! An outage of the aggregator or of its witnesses moves the open round's deadlines. It costs time, and no node its standing.
 //!
-//! The ledger shows an outage as a silence: the deadlines move by no more than the time since the last entry. So an aggregator that
-//! claims an outage takes nobody's statements meanwhile.
+//! The ledger shows an outage as a silence: the deadline of the present phase moves by no more than the time since the last entry. So an
+//! aggregator that claims an outage takes nobody's statements meanwhile. Only an outage after the draw excuses a node that does not answer:
+//! otherwise it could choose among challenges.
 
 use crate::entries::entry::DeadlinesMoved;
 use crate::rules::state::{Round, State};
 use crate::rules::upper_bounds::MAX_ROUND_WINDOW_MS;
 use crate::rules::violation::RuleViolation;
+
+/// A shorter outage moves no deadline, unless one passed meanwhile.
+pub const LEAST_OUTAGE_MS: u64 = 60_000;
 
 impl State {
     /// The entry that moves the open round's deadlines at `time_ms` after an outage of `away_ms`; `None` if it may not, or need not.
@@ -24,6 +28,15 @@ impl State {
     fn longest_move_ms(&self, round: &Round, time_ms: u64) -> u64 {
         let silent_ms = time_ms.saturating_sub(self.time_ms);
         silent_ms.min(MAX_ROUND_WINDOW_MS.saturating_sub(round.moved_ms))
+    }
+
+    /// The last moment of the present phase, in Unix milliseconds.
+    fn deadline_ms(&self, round: &Round) -> u64 {
+        match (&round.closing, &round.randomness) {
+            (None, _) => round.opened.commit_deadline_ms,
+            (Some(_), Some(randomness)) => randomness.submit_deadline_ms,
+            (Some(closing), None) => self.randomness_deadline_ms(round, closing),
+        }
     }
 
     pub(super) fn check_moved(
@@ -46,6 +59,11 @@ impl State {
                 by_ms: moved.by_ms,
                 most_ms,
             });
+        }
+        let deadline_ms = self.deadline_ms(round);
+        let passed = self.time_ms <= deadline_ms && deadline_ms < time_ms;
+        if moved.by_ms < LEAST_OUTAGE_MS && !passed {
+            return Err(RuleViolation::ShortOutage(moved.round));
         }
         Ok(())
     }

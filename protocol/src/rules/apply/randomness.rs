@@ -79,6 +79,8 @@ impl State {
     pub(super) fn close_commitments(&mut self, closing: CommitmentsClosing) {
         if let Some(round) = &mut self.round {
             round.closing = Some(closing);
+            round.commitments_moved = round.moved_ms > 0;
+            round.moved_ms = 0;
         }
     }
 
@@ -123,6 +125,7 @@ impl State {
     pub(super) fn draw(&mut self, drawn: &RandomnessDrawn, index: u64, now: u64) {
         let window = self.rules.submit_window_ms;
         if let Some(round) = &mut self.round {
+            round.moved_ms = 0;
             round.randomness = drawn.drawing.value().map(|value| Randomness {
                 value,
                 entry: index,

@@ -291,6 +291,7 @@ impl State {
             moments: None,
             lost: BTreeMap::new(),
             moved_ms: 0,
+            commitments_moved: false,
         });
     }
 
@@ -405,7 +406,7 @@ impl State {
         let observed: Vec<_> = self.nodes.keys().filter(may).copied().collect();
         for id in observed {
             let committed = round.commits.contains_key(&id);
-            let excused = round.moved_ms > 0 && !committed;
+            let excused = round.commitments_moved && !committed;
             if let Some(node) = self.nodes.get_mut(&id).filter(|_| !excused) {
                 node.record.observe_round(committed);
             }

@@ -14,7 +14,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use zk0_circuits::NodeId;
 
 impl State {
-    /// The voters with their weights: governors, and active nodes by credits.
+    /// The voters with their weights: governors, and nodes by credits.
     pub fn electorate(&self) -> BTreeMap<NodeId, u64> {
         let governance = &self.rules.governance;
         let governors = governance
@@ -24,7 +24,7 @@ impl State {
         let nodes = self
             .nodes
             .iter()
-            .filter(|(_, node)| node.standing == Standing::Active)
+            .filter(|(_, node)| node.standing.votes())
             .map(|(id, node)| (*id, governance.node_votes(node.credits)));
         let mut electorate = BTreeMap::new();
         for (voter, weight) in governors.chain(nodes).filter(|(_, weight)| *weight > 0) {
@@ -276,8 +276,14 @@ impl State {
         use Standing::{Active, Left, Suspended, SuspendedByOperator};
         match action {
             Action::ChangeRules(rules) => {
-                let wrong = rules.check_in(self.genesis.mode).err()?;
-                Some((Impossible::Rules, wrong))
+                if let Err(wrong) = rules.check_in(self.genesis.mode) {
+                    return Some((Impossible::Rules, wrong));
+                }
+                // A key that was replaced may be stolen.
+                let mut governors = rules.governance.governors.iter();
+                let returns = |key: &NodeId| self.retired.contains_key(key) && !self.governs(key);
+                let former = governors.find(|governor| returns(&governor.key))?;
+                Some(told(Impossible::KeyUsed(former.key)))
             }
             Action::Enrol(enrolled) => no_key(&enrolled.node)
                 .or_else(|| refused(self.check_enrolment(enrolled), &enrolled.node)),

@@ -117,17 +117,24 @@ fn the_randomness_may_come_later_by_the_outage() {
     }
 }
 
-/// Closes the round after its deadline; node 0 has contributed.
-fn unanswered_by(outage: bool) -> (Node, Node) {
+/// A round with an outage before the commitments closed, or after the draw, which closes after its deadline. Node 0 has contributed, node 1 has
+/// not answered, and node 2 has not committed. Returns the last two.
+fn unanswered(early: bool, late: bool) -> (Node, Node) {
     let mut chain = Chain::in_round(3);
+    let outage = |chain: &mut Chain| {
+        chain.time_ms += HOUR;
+        chain.apply(moved(&chain.state.clone(), HOUR));
+    };
+    if early {
+        outage(&mut chain);
+    }
     chain.apply(committed(&chain.state, 0, weights(0x10)));
     chain.apply(committed(&chain.state, 1, weights(0x11)));
     chain.close_commitments();
     chain.apply(Body::RandomnessDrawn(drawn(&chain.state)));
     chain.apply(accepted(&chain.state, 0));
-    if outage {
-        chain.time_ms += HOUR;
-        chain.apply(moved(&chain.state, HOUR));
+    if late {
+        outage(&mut chain);
     }
     chain.time_ms = submit_deadline_ms(&chain);
     let closed = closed(&chain.state, weights(0x50));
@@ -137,13 +144,29 @@ fn unanswered_by(outage: bool) -> (Node, Node) {
     (node(1), node(2))
 }
 
+/// A node that knew before the draw that it need not answer would answer only what suits it.
 #[test]
-fn a_round_with_an_outage_costs_no_node_its_standing() {
+fn an_outage_excuses_what_it_kept_a_node_from() {
     let rule = genesis().rules.unanswered;
     let failures = |node: &Node| node.record.failures(&rule);
-    let (silent, idle) = unanswered_by(false);
+    let (silent, idle) = unanswered(false, false);
     assert_eq!(failures(&silent), 1);
-    let (excused, absent) = unanswered_by(true);
+    let (silent, away) = unanswered(true, false);
+    assert_eq!(failures(&silent), 1);
+    assert_ne!(away.record, idle.record, "who was away is not idle");
+    let (excused, absent) = unanswered(false, true);
     assert_eq!(failures(&excused), 0);
-    assert_ne!(idle.record, absent.record, "an absent node is not idle");
+    assert_eq!(absent.record, idle.record);
+}
+
+#[test]
+fn a_short_outage_moves_nothing_unless_a_deadline_passed_in_it() {
+    let mut chain = Chain::in_round(2);
+    let round = chain.state.round().unwrap().number();
+    chain.time_ms += COMMIT_WINDOW / 2;
+    let short = chain.refusal(moved(&chain.state, COMMIT_WINDOW / 2));
+    assert_eq!(short, RuleViolation::ShortOutage(round));
+    chain.time_ms += COMMIT_WINDOW;
+    chain.apply(moved(&chain.state, COMMIT_WINDOW));
+    chain.apply(committed(&chain.state, 0, weights(0x10)));
 }
