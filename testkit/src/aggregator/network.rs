@@ -171,6 +171,10 @@ impl Network {
         let aggregator = aggregator.await;
         self.service = Some(self.service_of(aggregator).await);
         self.serve().await;
+        // It answers once what it does at the start is done.
+        if let Ok(mut client) = FederationClient::connect(self.address.clone()).await {
+            let _ = client.get_network(proto::GetNetworkRequest {}).await;
+        }
     }
 
     fn open(&self) -> Result<Aggregator, RequestError> {
