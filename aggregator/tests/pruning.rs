@@ -204,8 +204,8 @@ async fn a_contribution_under_dispute_keeps_its_files() {
     let mut operator = rounds(dir.path(), founded, 3);
     let (contribution, until_ms) = {
         let contributions = operator.state().contributions().iter();
-        let of_first = contributions.filter(|(_, one)| one.round == 1);
-        let (entry, one) = of_first.last().unwrap();
+        let mut of_second = contributions.filter(|(_, one)| one.round == 1);
+        let (entry, one) = of_second.next().unwrap();
         (*entry, one.disputable_until_ms)
     };
     operator.time_ms = until_ms - 10_000;
@@ -222,7 +222,7 @@ async fn a_contribution_under_dispute_keeps_its_files() {
     network.start_again().await;
     close(&network).await;
     gone(&network, 0).await;
-    let of_now = network.service().with(|aggregator| {
+    let of_now = network.service().with(move |aggregator| {
         let now_ms = aggregator.now_ms();
         let plan = aggregator.prunable().plan(&keep(1), now_ms)?;
         assert!(aggregator.state().contributions()[&contribution].disputable_until_ms < now_ms);

@@ -15,7 +15,7 @@ fn a_served_ledger_keeps_so_many_rounds() {
     let (dir, key) = (scratch.path().join("ledger"), scratch.path().join("key"));
     fs::write(&key, "2a".repeat(32)).unwrap();
     let mut founded = genesis();
-    // Rounds in which nobody takes part are soon over.
+    // Rounds without a contribution are soon over.
     founded.rules.commit_window_ms = 50;
     let node = SigningNode::new(1);
     let mut operator = Operator::founds(&dir, founded, &[&node]);
