@@ -2,8 +2,10 @@
 //!
 //! An operator has accepted proofs of nothing in the rounds before, so that there are updates that audits read.
 
+use std::cell::RefCell;
 use std::collections::BTreeSet;
 use std::fs::{self, File};
+use std::io::Read;
 use std::path::Path;
 use std::sync::Arc;
 use tempfile::TempDir;
@@ -13,6 +15,9 @@ use zk0_aggregator::{Aggregator, Clock, Config, Polled, RoundJob, RoundStep};
 use zk0_audit::{Auditor, Depth};
 use zk0_ledger::blobs::Blobs;
 use zk0_ledger::prune::{Longer, PrunePlan, Retention};
+use zk0_ledger::published::mirror::mirror;
+use zk0_ledger::published::publication::Publication;
+use zk0_ledger::published::source::{LogSource, SourceError};
 use zk0_ledger::replay::{replay, Verdict};
 use zk0_ledger::{folder, Ledger};
 use zk0_protocol::entries::authentic::AuthenticBody;
@@ -20,6 +25,7 @@ use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::signed::{Dispute, Evidence, Signed, UpdateCommitment};
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rules::network_rules::{Scaffold, Strategy};
+use zk0_protocol::tlog::layout::Resource;
 use zk0_protocol::Body;
 use zk0_testkit::aggregator::operator::Operator;
 use zk0_testkit::aggregator::*;
@@ -425,6 +431,41 @@ fn updates_are_deleted_in_parts_and_the_statement_comes_first() {
     let rest = plan.part(100).signed(aggregator.ledger());
     assert_eq!(rest.carry_out().unwrap().blobs, whole as u64 - 1);
     assert_eq!(updates(dir.path()), [2]);
+}
+
+/// A log that prunes when somebody asks for the first blob.
+struct PrunesMeanwhile<'a> {
+    view: Publication,
+    prune: RefCell<Option<Box<dyn FnOnce() + 'a>>>,
+}
+
+impl LogSource for PrunesMeanwhile<'_> {
+    fn open(&self, path: &str) -> Result<Option<Box<dyn Read>>, SourceError> {
+        if let Some(Resource::Blob(_)) = Resource::parse(path) {
+            if let Some(prune) = self.prune.take() {
+                prune();
+            }
+        }
+        LogSource::open(&self.view, path)
+    }
+}
+
+#[test]
+fn a_mirror_gets_the_statement_about_what_was_pruned_meanwhile() {
+    let dir = tempfile::tempdir().unwrap();
+    let operator = rounds(dir.path(), genesis(), 3);
+    let (ledger, now_ms) = (&operator.ledger, operator.time_ms);
+    let plan = PrunePlan::of(ledger, &keep(1), now_ms).unwrap();
+    let prune = || plan.carry_out(ledger).unwrap();
+    let log = PrunesMeanwhile {
+        view: Publication::open(dir.path(), None).unwrap(),
+        prune: RefCell::new(Some(Box::new(prune))),
+    };
+    let out = tempfile::tempdir().unwrap();
+    let done = mirror(&log, out.path(), None, None).unwrap();
+    assert_eq!(done.missing_blobs, 2);
+    let statement = |dir: &Path| fs::read(folder::pruned(dir)).unwrap();
+    assert_eq!(statement(out.path()), statement(dir.path()));
 }
 
 #[test]
