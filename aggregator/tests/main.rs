@@ -5,6 +5,7 @@ mod blob_store;
 mod connections;
 mod observed;
 mod phases;
+mod pruning;
 mod senders;
 mod served;
 mod transfers;

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use std::fs::{self, File};
 use std::io::Read;
 use std::path::Path;
-use std::sync::Barrier;
+use std::sync::{mpsc, Barrier};
 use std::thread;
 use std::time::{Duration, SystemTime};
 use zk0_bucket::bucket::PART_BYTES;
@@ -157,6 +157,38 @@ fn altered_bytes_are_refused_by_name() {
         // The right file heals it.
         fs::write(&file, &bytes).unwrap();
         assert!(blobs.get(&blob, LIMIT).unwrap() == bytes);
+    });
+}
+
+#[test]
+fn a_blob_is_removed_when_those_who_read_it_have_all_of_it() {
+    with_stores(|open, inside| {
+        let dir = tempfile::tempdir().unwrap();
+        let blobs = open(dir.path());
+        let bytes = vec![7; 2 * PART_BYTES as usize + 1];
+        let blob = blobs.put(&bytes).unwrap();
+        emptied(dir.path());
+        let shared = &blobs;
+        thread::scope(|scope| {
+            let mut removal = None;
+            let read = shared.fetch_followed(&blob, &mut |_| {
+                if removal.is_none() {
+                    let (ended, waits) = mpsc::channel();
+                    removal = Some(scope.spawn(move || {
+                        shared.remove(&blob).unwrap();
+                        let _ = ended.send(());
+                    }));
+                    // It would have removed the blob by then.
+                    let early = waits.recv_timeout(Duration::from_millis(300));
+                    assert!(early.is_err(), "it does not wait");
+                }
+                Ok(())
+            });
+            read.unwrap();
+            removal.unwrap().join().unwrap();
+        });
+        assert!(!blobs.contains(&blob) && !blobs.is_kept(&blob));
+        assert!(!inside.join(blob.to_string()).exists());
     });
 }
 

@@ -2,6 +2,7 @@
 //! each of these is audited; and an entry is proven offline. Ledgers
 //! without real proofs are pruned.
 
+mod kept_rounds;
 mod missing;
 
 use crate::harness::made_ledger::Made;

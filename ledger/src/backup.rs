@@ -10,13 +10,13 @@
 use crate::blobs::damaged::DamagedBlob;
 use crate::error::{io_error, LedgerError};
 use crate::published::mirror::{
-    copy_blobs, genesis, mirror_with, BlobSource, MirrorError, Mirrored,
+    copy_blobs, genesis, keep_pruning, mirror_with, BlobSource, MirrorError, Mirrored,
 };
 use crate::published::source::{LogSource, SourceError};
 use crate::published::tiles;
 use crate::replay::{check_network, continuing};
 use crate::store::Store;
-use crate::{folder, Blobs};
+use crate::{folder, pruned, Blobs};
 use std::ffi::OsString;
 use std::fs;
 use std::io::{self, Cursor, Read};
@@ -264,6 +264,13 @@ fn copy(
     };
     let none = WitnessPolicy::none();
     let done = mirror_with(&whole, &source, out, Some(&none), network)?;
+    if done.missing_blobs > 0 {
+        // The aggregator may have pruned meanwhile.
+        let genesis = whole.genesis(dir)?;
+        if let Some(signed) = pruned::read_signed(dir, &genesis)? {
+            keep_pruning(out, &genesis, &signed, done.entries)?;
+        }
+    }
     match folder::policy(dir).exists() {
         true => folder::write_policy(out, &policy)?,
         // The ledger may have had one when the backup was made.

@@ -3,10 +3,13 @@
 //! A [`PrunePlan`] lists them. Before the first blob that an audit could have used is deleted, the log's operator signs that it is no
 //! longer kept ([`crate::pruned`]). So a killed process leaves only blobs that the statement already excuses, and the next one goes on.
 //!
+//! `zk0 ledger prune` carries a plan out at once. A running aggregator makes it of a [`PrunableLedger`], and carries it out in parts.
+//!
 //! - [`needed`]: which blobs are needed, and for what the others were there.
 
 mod needed;
 
+use crate::blobs::usage::Amount;
 use crate::blobs::Blobs;
 use crate::error::LedgerError;
 use crate::folder;
@@ -14,13 +17,19 @@ use crate::log::Ledger;
 use crate::pruned;
 use crate::published::publication::{Publication, PublicationError};
 use crate::replay::continuing;
+use crate::store::reader::LedgerReader;
 use crate::store::Store;
 use needed::{Needed, Older};
-use std::path::Path;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use zk0_circuits::{Digest, NodeId};
-use zk0_protocol::entries::entry::{Body, Entry};
+use zk0_protocol::entries::entry::Body;
 use zk0_protocol::pruning::Pruning;
+use zk0_protocol::rules::named_blobs::named_blobs;
+use zk0_protocol::rules::network_rules::Strategy;
 use zk0_protocol::rules::state::State;
+use zk0_protocol::Signed;
 
 pub use needed::Reason;
 
@@ -58,11 +67,15 @@ pub enum Longer {
     Disputable(u64),
     /// The witnesses have not cosigned the end of this round.
     NotCosigned(u64),
+    /// Nodes compute SCAFFOLD's control variates from the updates of this round on.
+    ControlVariates(u64),
 }
 
 /// What pruning would do.
 #[derive(Clone, Debug)]
 pub struct PrunePlan {
+    /// The entries that it knows.
+    pub entries: u64,
     /// How many rounds have closed.
     pub closed: u64,
     /// The first round that is not older than those that are kept.
@@ -75,6 +88,24 @@ pub struct PrunePlan {
     pub kept: (usize, u64),
     /// What the log's operator has to sign first, if not signed already.
     pub statement: Option<Pruning>,
+}
+
+/// A plan, with its statement signed. As long as this is there, no other process writes to the ledger.
+pub struct SignedPlan {
+    dir: PathBuf,
+    blobs: Blobs,
+    statement: Option<Signed<Pruning>>,
+    doomed: Vec<Doomed>,
+    _opened: LedgerReader,
+}
+
+/// A ledger as it was when a plan was asked for. Its writer may go on meanwhile.
+pub struct PrunableLedger {
+    dir: PathBuf,
+    blobs: Blobs,
+    state: State,
+    reader: LedgerReader,
+    published: u64,
 }
 
 /// Why a ledger cannot be pruned.
@@ -94,15 +125,8 @@ impl PrunePlan {
     /// # Errors
     /// The ledger cannot be read.
     pub fn of(ledger: &Ledger, keep: &Retention, now_ms: u64) -> Result<Self, PruneError> {
-        let entry = |index| ledger.entry(index);
-        plan(
-            ledger.dir(),
-            ledger.blobs(),
-            ledger.state(),
-            entry,
-            keep,
-            now_ms,
-        )
+        let published = published(ledger.dir(), keep)?;
+        Ok(PrunableLedger::of(ledger, published).plan(keep, now_ms)?)
     }
 
     /// The same for the folder `dir` and its `blobs`, perhaps beside its aggregator. Blobs that it is about to record look unnamed.
@@ -119,14 +143,20 @@ impl PrunePlan {
         if !database.exists() {
             return Err(LedgerError::NoLedger(dir.into()).into());
         }
-        let published = folder::read_checkpoint(dir)?;
+        let checkpoint = folder::read_checkpoint(dir)?;
         let store = Store::open_read_only(&database)?;
-        let history = continuing::verify(&store, dir, None, published.as_deref(), &mut ())?;
-        let entry = |index| {
-            let bytes = store.entry(index)?.ok_or(LedgerError::NoEntry(index))?;
-            Ok(Entry::decode(&bytes)?)
+        let history = continuing::verify(&store, dir, None, checkpoint.as_deref(), &mut ())?;
+        let (state, _, _) = history.into_parts();
+        let ledger = PrunableLedger {
+            dir: dir.into(),
+            blobs: blobs.clone(),
+            state,
+            reader: LedgerReader {
+                store: Arc::new(store),
+            },
+            published: published(dir, keep)?,
         };
-        plan(dir, blobs, history.state(), entry, keep, now_ms)
+        Ok(ledger.plan(keep, now_ms)?)
     }
 
     /// How many bytes are to be deleted.
@@ -141,106 +171,223 @@ impl PrunePlan {
         unnamed.fold((0, 0), |(count, size), blob| (count + 1, size + blob.size))
     }
 
+    /// Leaves out the files that no entry names: a writer that goes on may be about to name them.
+    #[must_use]
+    pub fn beside_writer(mut self) -> Self {
+        self.doomed.retain(|blob| blob.reason != Reason::Unnamed);
+        self
+    }
+
+    /// Leaves out what newer entries of `ledger` name.
+    ///
+    /// # Errors
+    /// The ledger cannot be read.
+    pub fn spare_new(&mut self, ledger: &Ledger) -> Result<(), LedgerError> {
+        let mut named = BTreeSet::new();
+        for index in self.entries..ledger.size() {
+            let blobs = named_blobs(&ledger.entry(index)?.body);
+            named.extend(blobs.iter().map(|blob| blob.digest));
+        }
+        self.entries = ledger.size();
+        if !named.is_empty() {
+            self.doomed.retain(|blob| !named.contains(&blob.digest));
+        }
+        Ok(())
+    }
+
+    /// Takes at most so many blobs out of the plan, and the statement, which the first part has.
+    #[must_use]
+    pub fn part(&mut self, most: usize) -> Self {
+        let stay = self.doomed.len().saturating_sub(most);
+        Self {
+            doomed: self.doomed.split_off(stay),
+            statement: self.statement.take(),
+            ..*self
+        }
+    }
+
+    /// Signs what will no longer be kept.
+    pub fn signed(self, ledger: &Ledger) -> SignedPlan {
+        SignedPlan {
+            dir: ledger.dir().into(),
+            blobs: ledger.blobs().clone(),
+            statement: self.statement.map(|statement| ledger.sign(statement)),
+            doomed: self.doomed,
+            _opened: ledger.reader().clone(),
+        }
+    }
+
     /// Signs what will no longer be kept, and deletes the blobs. `ledger` is the one that the plan is of, and has been open since: so nobody
     /// else writes to it.
     ///
     /// # Errors
-    /// The file system or the store of the blobs fails. What was signed by then is on disk, and some of the blobs may be deleted.
+    /// Those of [`SignedPlan::carry_out`].
     pub fn carry_out(&self, ledger: &Ledger) -> Result<(), LedgerError> {
-        if let Some(statement) = self.statement {
-            pruned::write(ledger.dir(), &ledger.sign(statement))?;
-        }
-        for blob in &self.doomed {
-            ledger.blobs().remove(&blob.digest)?;
-        }
-        match ledger.blobs().folder() {
-            folder if folder.is_dir() => folder::sync(&folder),
-            _ => Ok(()),
-        }
+        self.clone().signed(ledger).carry_out().map(drop)
     }
 }
 
-fn plan(
-    dir: &Path,
-    blobs: &Blobs,
-    state: &State,
-    entry: impl Fn(u64) -> Result<Entry, LedgerError>,
-    keep: &Retention,
-    now_ms: u64,
-) -> Result<PrunePlan, PruneError> {
-    let mut closings = Vec::new();
-    for index in 0..state.entries() {
-        if let Body::RoundClosed(_) = entry(index)?.body {
-            closings.push(index);
+impl SignedPlan {
+    /// Writes the statement, deletes the blobs, and returns how much they were.
+    ///
+    /// # Errors
+    /// The file system or the store of the blobs fails. The statement is on disk, unless writing it has failed, and some of the blobs may be
+    /// deleted.
+    pub fn carry_out(self) -> Result<Amount, LedgerError> {
+        if let Some(statement) = &self.statement {
+            pruned::write(&self.dir, statement)?;
+        }
+        let mut freed = Amount::default();
+        for blob in &self.doomed {
+            self.blobs.remove(&blob.digest)?;
+            freed.blobs += 1;
+            freed.bytes += blob.size;
+        }
+        match self.blobs.folder() {
+            folder if folder.is_dir() => folder::sync(&folder)?,
+            _ => {}
+        }
+        Ok(freed)
+    }
+}
+
+impl PrunableLedger {
+    /// `ledger` as it is now, of whose entries the first `published` are published.
+    pub fn of(ledger: &Ledger, published: u64) -> Self {
+        Self {
+            dir: ledger.dir().into(),
+            blobs: ledger.blobs().clone(),
+            state: ledger.state().clone(),
+            reader: ledger.reader().clone(),
+            published,
         }
     }
-    let closed = closings.len() as u64;
-    let (first_kept, longer) = match keep.rounds {
-        None => (0, None),
-        Some(rounds) => {
-            let asked = closed.saturating_sub(rounds);
-            let published = match Publication::open(dir, None) {
-                Ok(view) => view.checkpoint().size,
-                Err(PublicationError::NotCosigned(_)) => 0,
-                Err(error) => return Err(error.into()),
-            };
-            let cosigned = closings.partition_point(|index| *index < published) as u64;
-            let (first, why) = match disputable(state, now_ms) {
-                Some(round) if round < cosigned => (round, Longer::Disputable(round)),
-                _ => (cosigned, Longer::NotCosigned(cosigned)),
-            };
-            (asked.min(first), (first < asked).then_some(why))
+
+    /// What pruning it would do at `now_ms`. Reads all entries.
+    ///
+    /// # Errors
+    /// The ledger cannot be read.
+    pub fn plan(&self, keep: &Retention, now_ms: u64) -> Result<PrunePlan, LedgerError> {
+        let state = &self.state;
+        let open = u64::from(state.round().is_some());
+        let closed = state.next_round().saturating_sub(open);
+        let (first_kept, longer) = match keep.rounds {
+            None => (0, None),
+            Some(rounds) => {
+                let asked = closed.saturating_sub(rounds);
+                let (first, why) = self.first_needed(now_ms)?;
+                (asked.min(first), (first < asked).then_some(why))
+            }
+        };
+        let older = Older {
+            before: first_kept,
+            without_proofs: keep.without_proofs,
+            without_weights: keep.without_weights,
+        };
+        let mut needed = Needed::beside(state, older);
+        if let Some(interval) = keep.checkpoint_interval.filter(|interval| *interval > 0) {
+            needed.keep_due(state, closed - closed % interval);
         }
-    };
-    let older = Older {
-        before: first_kept,
-        without_proofs: keep.without_proofs,
-        without_weights: keep.without_weights,
-    };
-    let mut needed = Needed::beside(state, older);
-    if let Some(interval) = keep.checkpoint_interval.filter(|interval| *interval > 0) {
-        needed.keep_due(state, closed - closed % interval);
-    }
-    for index in 0..state.entries() {
-        needed.observe(&entry(index)?.body);
-    }
-    let (mut doomed, mut kept) = (Vec::new(), (0, 0));
-    for (digest, size) in blobs.all().map_err(LedgerError::from)? {
-        match needed.reason_to_delete(&digest) {
-            Some(reason) => doomed.push(Doomed {
-                digest,
-                size,
-                reason,
-            }),
-            None => kept = (kept.0 + 1, kept.1 + size),
+        for index in 0..state.entries() {
+            needed.observe(&self.reader.entry(index)?.body);
         }
+        let (mut doomed, mut kept) = (Vec::new(), (0, 0));
+        for (digest, size) in self.blobs.all()? {
+            match needed.reason_to_delete(&digest) {
+                Some(reason) => doomed.push(Doomed {
+                    digest,
+                    size,
+                    reason,
+                }),
+                None => kept = (kept.0 + 1, kept.1 + size),
+            }
+        }
+        doomed.sort_by_key(|blob| (blob.reason, blob.digest));
+        let statement = if doomed.iter().any(|blob| blob.reason < Reason::Unread) {
+            self.statement(keep, first_kept)?
+        } else {
+            None
+        };
+        Ok(PrunePlan {
+            entries: state.entries(),
+            closed,
+            first_kept,
+            longer,
+            doomed,
+            kept,
+            statement,
+        })
     }
-    doomed.sort_by_key(|blob| (blob.reason, blob.digest));
-    let audited = |blob: &Doomed| blob.reason < Reason::Unread;
-    let before = pruned::read(dir, state.genesis())?;
-    let end = first_kept.checked_sub(1).and_then(|last| {
-        let last = closings.get(usize::try_from(last).ok()?)?;
-        Some(last + 1)
-    });
-    let wanted = end.filter(|_| doomed.iter().any(audited)).map(|entries| {
+
+    /// What the operator has to sign about the rounds before `first_kept`, if not signed already.
+    fn statement(&self, keep: &Retention, first_kept: u64) -> Result<Option<Pruning>, LedgerError> {
+        let Some((_, closing)) = self.closed_within(self.state.entries(), first_kept)? else {
+            return Ok(None);
+        };
         let new = Pruning {
-            network: *state.network(),
-            operator: NodeId(state.genesis().log_key),
-            entries,
+            network: *self.state.network(),
+            operator: NodeId(self.state.genesis().log_key),
+            entries: closing + 1,
             updates_before: first_kept,
             proofs_before: if keep.without_proofs { first_kept } else { 0 },
             weights_before: if keep.without_weights { first_kept } else { 0 },
         };
-        before.as_ref().map_or(new, |before| new.and(before))
-    });
-    Ok(PrunePlan {
-        closed,
-        first_kept,
-        longer,
-        doomed,
-        kept,
-        statement: wanted.filter(|wanted| before.as_ref() != Some(wanted)),
-    })
+        let before = pruned::read(&self.dir, self.state.genesis())?;
+        let wanted = before.as_ref().map_or(new, |before| new.and(before));
+        Ok(Some(wanted).filter(|wanted| before.as_ref() != Some(wanted)))
+    }
+
+    /// The first round of which everything is needed, however little is to be kept, and why.
+    fn first_needed(&self, now_ms: u64) -> Result<(u64, Longer), LedgerError> {
+        let cosigned = self.closed_within(self.published, u64::MAX)?;
+        let cosigned = cosigned.map_or(0, |(round, _)| round + 1);
+        let mut first = (cosigned, Longer::NotCosigned(cosigned));
+        let disputable = disputable(&self.state, now_ms);
+        let others = [
+            disputable.map(|round| (round, Longer::Disputable(round))),
+            corrected(&self.state).map(|round| (round, Longer::ControlVariates(round))),
+        ];
+        for other in others.into_iter().flatten() {
+            if other.0 < first.0 {
+                first = other;
+            }
+        }
+        Ok(first)
+    }
+
+    /// The last round before `round` that closed within the first `entries`, and the entry that closed it.
+    fn closed_within(&self, entries: u64, round: u64) -> Result<Option<(u64, u64)>, LedgerError> {
+        for index in (0..entries.min(self.state.entries())).rev() {
+            match self.reader.entry(index)?.body {
+                Body::RoundClosed(closed) if closed.round < round => {
+                    return Ok(Some((closed.round, index)))
+                }
+                _ => {}
+            }
+        }
+        Ok(None)
+    }
+}
+
+/// How many entries the folder publishes, if that matters.
+fn published(dir: &Path, keep: &Retention) -> Result<u64, PublicationError> {
+    if keep.rounds.is_none() {
+        return Ok(0);
+    }
+    match Publication::open(dir, None) {
+        Ok(view) => Ok(view.checkpoint().size),
+        Err(PublicationError::NotCosigned(_)) => Ok(0),
+        Err(error) => Err(error),
+    }
+}
+
+/// The first round that the open round's or the next round's control variates follow from, by SCAFFOLD.
+fn corrected(state: &State) -> Option<u64> {
+    let open = state.round().map(|open| open.number());
+    match &state.rules().strategy {
+        Strategy::Scaffold(rule) => Some(rule.begins(open.unwrap_or(state.next_round()))),
+        _ => None,
+    }
 }
 
 /// The oldest round with a contribution that may still be disputed at `now_ms`, or whose dispute is undecided.

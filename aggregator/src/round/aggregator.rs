@@ -12,7 +12,7 @@ use crate::round::ledger_index::{FromLedger, IndexFold, LedgerIndex, RoundEntrie
 use crate::round::presence::Presence;
 use crate::round::request_error::RequestError;
 use ed25519_dalek::SigningKey;
-use std::collections::HashSet;
+use std::collections::{BTreeSet, HashSet};
 use std::path::Path;
 use std::sync::Arc;
 use zk0_circuits::{Digest, NodeId};
@@ -62,6 +62,8 @@ pub struct Aggregator {
     pub(super) published: Option<u64>,
     /// The proposal whose witnesses were asked last.
     pub(super) asked_witnesses: Option<u64>,
+    /// The blobs that are being deleted.
+    pub(super) doomed: BTreeSet<Digest>,
 }
 
 impl Aggregator {
@@ -116,6 +118,7 @@ impl Aggregator {
             checked_samples: None,
             published: None,
             asked_witnesses: None,
+            doomed: BTreeSet::new(),
         })
     }
 

@@ -99,6 +99,8 @@ impl Aggregator {
                     RandomnessSource::Witnesses => return Ok(Polled::Idle(None)),
                 }
             }
+            // Its result may be a file that is being deleted.
+            RoundStep::Close(_) if !self.doomed.is_empty() => return Ok(Polled::Idle(None)),
             RoundStep::Close(_) => {
                 let to_close = ToClose {
                     state: self.state().clone(),

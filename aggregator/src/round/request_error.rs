@@ -44,6 +44,9 @@ pub enum RequestError {
     /// An entry names the blob, and it is not here.
     #[error("this aggregator does not have blob {0} any more: it was pruned, or is lost")]
     NotKept(zk0_circuits::Digest),
+    /// The blob is that of an old round, too, and is deleted right now.
+    #[error("blob {0} is that of an old round, too, and was deleted just now: send it again")]
+    Deleted(zk0_circuits::Digest),
     /// Only the network's operator may do this.
     #[error("only the network's operator enrols nodes, with the log's key; this enrolment is signed by {0}")]
     NotOperator(zk0_circuits::NodeId),
@@ -215,6 +218,7 @@ impl RequestError {
             Self::OtherPlace(_) => Code::Aborted,
             Self::TimedOut(_) => Code::DeadlineExceeded,
             Self::Crowded(_)
+            | Self::Deleted(_)
             | Self::NotPublished(_)
             | Self::NoRoom(_)
             | Self::BlobStore(_)
@@ -257,6 +261,7 @@ impl RequestError {
             | Self::OtherPlace(_)
             | Self::TimedOut(_)
             | Self::Crowded(_)
+            | Self::Deleted(_)
             | Self::NotPublished(_)
             | Self::NoRoom(_)
             | Self::BlobStore(_)

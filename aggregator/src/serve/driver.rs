@@ -129,6 +129,7 @@ impl Service {
             .await?;
         if let Polled::Did(RoundStep::Close(round)) = polled {
             self.count_round(round).await?;
+            self.round_closed.notify_one();
             self.clear_uploads(round).await?;
         }
         Ok(polled)

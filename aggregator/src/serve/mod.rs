@@ -7,6 +7,7 @@ mod grpc;
 mod health;
 mod in_turn;
 pub mod limits;
+mod pruning;
 mod publishing;
 mod recorder;
 mod senders;

@@ -54,6 +54,10 @@ impl Recorder {
         self.waiting().splice(0..0, later);
         let (mut wanted, mut answers) = (Vec::new(), Vec::new());
         for one in all {
+            if let Some(refused) = aggregator.not_kept(&one.what) {
+                let _ = one.answer.send(Err(refused));
+                continue;
+            }
             wanted.push((one.arrived_ms, one.what));
             answers.push(one.answer);
         }

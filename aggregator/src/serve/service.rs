@@ -110,6 +110,9 @@ pub struct Service {
     pub(super) heads: Arc<ReplayWindow>,
     pub(crate) certificate: Option<Arc<ServerCertificate>>,
     pub(super) limits: Limits,
+    /// How many closed rounds keep all their files; `None` for all rounds.
+    pub(super) keep_rounds: Option<u64>,
+    pub(super) round_closed: Arc<Notify>,
     metrics: Metrics,
     troubles: Troubles,
     /// The status when somebody last asked.
@@ -161,6 +164,8 @@ impl Service {
             uploads: Uploads::default(),
             transfers: Transfers::new(limits.connections.most),
             certificate: None,
+            keep_rounds: None,
+            round_closed: Arc::default(),
             metrics: Metrics::default(),
             troubles,
             started: Instant::now(),
@@ -337,7 +342,7 @@ impl Service {
         let mut loops = JoinSet::new();
         let (rounds, publish) = (self.clone(), self.clone());
         let (shrink, remove, alive) = (self.clone(), self.clone(), self.clone());
-        let watch = self.clone();
+        let (watch, prune) = (self.clone(), self.clone());
         let mut spawn = |task: &'static str, work: BoxFuture<'static, RequestError>| {
             loops.spawn(self.troubles.clone().supervised(task, work));
         };
@@ -360,6 +365,10 @@ impl Service {
         spawn(
             "the removal of blobs from the folder",
             Box::pin(async move { shrink.shrink_cache().await }),
+        );
+        spawn(
+            "the pruning of old rounds",
+            Box::pin(async move { prune.prune_rounds().await }),
         );
         spawn(
             "the removal of uploads from the blob store",

@@ -3,6 +3,7 @@
 mod crowds;
 mod entries;
 mod presigned;
+mod pruning;
 mod streaming;
 
 use std::fs;

@@ -49,6 +49,10 @@ pub struct AggregatorServeOptions {
     /// Open a round only when this many nodes have committed to a dataset. With 0, rounds open and close although nobody takes part.
     #[arg(long, default_value_t = 1)]
     min_nodes: usize,
+    /// When a round has closed, delete the updates of rounds that are older than the last N closed ones, as `zk0 ledger prune` does. You
+    /// sign that with --key, so that auditors can tell them from lost ones [default: the updates of all rounds are kept]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    keep_rounds: Option<u64>,
     /// Publish nothing before the witnesses that this file names have cosigned it (a C2SP tlog-policy with the witnesses' addresses).
     /// The ledger's folder remembers the file's content. Leave this out if the network's rules name the witnesses.
     #[arg(long, value_name = "FILE")]
@@ -167,6 +171,9 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
         let mut service = Service::with_limits(aggregator, limits).with_beacons(beacons);
         if let Some(bytes) = options.blob_cache_bytes {
             service = service.with_blob_cache(bytes);
+        }
+        if let Some(rounds) = options.keep_rounds {
+            service = service.with_kept_rounds(rounds);
         }
         if options.presigned_uploads {
             let valid = Duration::from_secs(options.presigned_seconds);

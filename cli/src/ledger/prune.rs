@@ -107,6 +107,9 @@ fn tell(plan: &PrunePlan) {
         Some(Longer::NotCosigned(round)) => println!(
             "kept longer  rounds from {round} on: the witnesses have not cosigned the end of round {round}"
         ),
+        Some(Longer::ControlVariates(round)) => println!(
+            "kept longer  rounds from {round} on: nodes compute SCAFFOLD's control variates from their updates"
+        ),
         None => {}
     }
     let older = rounds_before(plan.first_kept);

@@ -116,7 +116,8 @@ impl Blobs {
     pub fn file_once(&self, blob: &Digest) -> Result<File, BlobError> {
         match (self.open_here(blob), &self.kept) {
             (Err(BlobError::Missing(_)), Some(kept)) => {
-                let unfinished = self.read_from(kept, blob, &mut |_| Ok(()))?;
+                let unfinished =
+                    kept.in_turn(blob, || self.read_from(kept, blob, &mut |_| Ok(())))?;
                 File::open(&unfinished.path).map_err(io_error(&unfinished.path))
             }
             (opened, _) => Ok(opened?.1),
@@ -158,14 +159,24 @@ impl Blobs {
         Ok(unfinished)
     }
 
-    /// Removes a blob, here and in the store. Only for the ledger's writer.
-    pub fn remove(&self, blob: &Digest) -> Result<(), BlobError> {
-        // In this order, a process that is killed in between leaves a blob that is still listed.
-        self.remove_here(blob)?;
+    /// Whether a blob is where blobs are kept: in the store, or in the folder if that is the only place.
+    pub fn is_kept(&self, blob: &Digest) -> bool {
         match &self.kept {
-            Some(kept) => kept.remove(blob),
-            None => Ok(()),
+            Some(kept) => kept.knows(blob),
+            None => self.is_here(blob),
         }
+    }
+
+    /// Removes a blob, here and in the store, once no thread reads it from the store. Only for the ledger's writer.
+    pub fn remove(&self, blob: &Digest) -> Result<(), BlobError> {
+        let Some(kept) = &self.kept else {
+            return self.remove_here(blob);
+        };
+        kept.in_turn(blob, || {
+            // In this order, a process that is killed in between leaves a blob that is still listed.
+            self.remove_here(blob)?;
+            kept.remove(blob)
+        })
     }
 
     pub(super) fn remove_here(&self, blob: &Digest) -> Result<(), BlobError> {

@@ -128,9 +128,11 @@ impl IndexedStore {
                 self.store.put(blob, file, size).map_err(BlobError::from)
             }
         };
-        self.counting.count(StoreOperation::Put, put, |()| size)?;
-        locked(&self.known).insert(*blob, size);
-        Ok(())
+        self.in_turn(blob, || {
+            self.counting.count(StoreOperation::Put, put, |()| size)?;
+            locked(&self.known).insert(*blob, size);
+            Ok(())
+        })
     }
 
     /// A blob's size in bytes; `None` if the store does not have it. Asks the store if it is shared.
@@ -166,12 +168,12 @@ impl IndexedStore {
         Ok(())
     }
 
-    /// Runs `read` while no other thread reads this blob.
-    pub(super) fn in_turn<T>(&self, blob: &Digest, read: impl FnOnce() -> T) -> T {
+    /// Runs `work` while no other thread reads, stores or removes this blob.
+    pub(super) fn in_turn<T>(&self, blob: &Digest, work: impl FnOnce() -> T) -> T {
         let turn = locked(&self.reading).entry(*blob).or_default().clone();
         let done = {
             let _alone = locked(&turn);
-            read()
+            work()
         };
         let mut reading = locked(&self.reading);
         // One is in the map, one is here: no other thread waits.

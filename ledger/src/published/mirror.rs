@@ -204,16 +204,10 @@ pub(crate) fn mirror_with(
         // The rules have dropped the witnesses, whose last checkpoint would be published for ever.
         folder::remove_policy(dir)?;
     }
-    if let Some(signed) = pruned {
-        let entries = signed.statement.entries;
-        if matches!(blob_source, BlobSource::Served(_)) && entries > size {
-            return Err(MirrorError::BeingUpdated {
-                network: genesis.network_id(),
-                entries,
-                size,
-            });
-        }
-        pruned::keep_newer(dir, &genesis, &signed)?;
+    match (pruned, blob_source) {
+        (Some(signed), BlobSource::Served(_)) => keep_pruning(dir, &genesis, &signed, size)?,
+        (Some(signed), BlobSource::Own { .. }) => pruned::keep_newer(dir, &genesis, &signed)?,
+        (None, _) => {}
     }
     let mut done = Mirrored {
         network: genesis.network_id(),
@@ -225,7 +219,31 @@ pub(crate) fn mirror_with(
         damaged: Vec::new(),
     };
     copy_blobs(blob_source, &store, &blobs, &genesis.rules, &mut done)?;
+    if let (BlobSource::Served(_), true) = (blob_source, done.missing_blobs > 0) {
+        // A running aggregator may have pruned meanwhile.
+        if let Some(signed) = served_pruning(source, &genesis)? {
+            keep_pruning(dir, &genesis, &signed, size)?;
+        }
+    }
     Ok(done)
+}
+
+/// Keeps a statement about pruned blobs in `dir`, a copy of the log's first `size` entries.
+pub(crate) fn keep_pruning(
+    dir: &Path,
+    genesis: &Genesis,
+    signed: &Signed<Pruning>,
+    size: u64,
+) -> Result<(), MirrorError> {
+    let entries = signed.statement.entries;
+    if entries > size {
+        return Err(MirrorError::BeingUpdated {
+            network: genesis.network_id(),
+            entries,
+            size,
+        });
+    }
+    Ok(pruned::keep_newer(dir, genesis, signed)?)
 }
 
 /// The served statement about pruned blobs, if there is one.

@@ -1,5 +1,6 @@
 //! An aggregator on loopback, to kill and restart.
 
+use super::operator::Operator;
 use super::{
     files, found, genesis, log_key, with_leaves, ManualClock, SigningNode, COMMIT_MS, START_MS,
 };
@@ -59,6 +60,8 @@ pub struct Network {
     kept: Box<dyn Fn(&Path) -> Blobs + Send + Sync>,
     /// Bytes of blobs in the folder, from the next start.
     pub blob_cache_bytes: Option<u64>,
+    /// How many closed rounds keep their updates, from the next start.
+    pub keep_rounds: Option<u64>,
     /// Validity of the store's addresses, from the next start.
     pub presigned: Option<Duration>,
     running: Option<(oneshot::Sender<()>, JoinHandle<()>)>,
@@ -92,24 +95,38 @@ impl Network {
                 .enrol(node.id(), format!("node-{number}"))
                 .unwrap();
         }
-        let mut network = Self {
+        let mut network = Self::stopped(dir, clock, genesis, config);
+        (network.limits, network.policy, network.beacons) = (limits, policy, beacons);
+        network.service = Some(network.service_of(aggregator).await);
+        network.serve().await;
+        network
+    }
+
+    /// An operator's ledger in `dir`, which [`Self::start_again`] serves.
+    pub fn of_operator(dir: TempDir, operator: Operator, config: Config) -> Self {
+        let clock = Arc::new(ManualClock::at(operator.time_ms));
+        let genesis = operator.state().genesis().clone();
+        drop(operator);
+        Self::stopped(dir, clock, genesis, config)
+    }
+
+    fn stopped(dir: TempDir, clock: Arc<ManualClock>, genesis: Genesis, config: Config) -> Self {
+        Self {
             dir,
             clock,
             genesis,
             config,
             service: None,
-            limits,
-            policy,
-            beacons,
+            limits: Limits::default(),
+            policy: None,
+            beacons: None,
             address: String::new(),
             kept: Box::new(Blobs::at),
             blob_cache_bytes: None,
+            keep_rounds: None,
             presigned: None,
             running: None,
-        };
-        network.service = Some(network.service_of(aggregator).await);
-        network.serve().await;
-        network
+        }
     }
 
     async fn service_of(&self, aggregator: Aggregator) -> Service {
@@ -119,6 +136,9 @@ impl Network {
         }
         if let Some(bytes) = self.blob_cache_bytes {
             service = service.with_blob_cache(bytes);
+        }
+        if let Some(rounds) = self.keep_rounds {
+            service = service.with_kept_rounds(rounds);
         }
         if let Some(valid) = self.presigned {
             service = service.with_presigned_uploads(valid);

@@ -18,6 +18,7 @@ mod copy;
 mod ledger_rules;
 mod moments;
 mod outages;
+mod pruning;
 mod secrets;
 mod stored_entries;
 
@@ -62,6 +63,7 @@ rows! {
     circuits: "zk0-circuits",
     argument: "zk0-argument",
     verifier: "zk0-verifier",
+    bucket: "zk0-bucket",
     aggregator: "zk0-aggregator",
     node: "zk0-node",
     system: "zk0-tests",
@@ -72,6 +74,7 @@ const ARGUMENT: &[&[Removal]] = &[argument::REMOVALS];
 const ATTESTATION: &[&[Removal]] = &[
     attestation::REMOVALS,
     outages::REMOVALS,
+    pruning::REMOVALS,
     secrets::REMOVALS,
     stored_entries::REMOVALS,
 ];

@@ -74,6 +74,17 @@ impl Arrivals {
         Ok(now_ms)
     }
 
+    /// The arrival of the earliest request in progress, or else the clock's time. Nothing that arrived before is recorded any more.
+    ///
+    /// # Errors
+    /// The clock is wrong.
+    pub fn earliest_ms(&self) -> Result<u64, ClockError> {
+        let now_ms = self.now_ms()?;
+        let pending = self.pending();
+        let first = pending.requests.keys().next();
+        Ok(first.map_or(now_ms, |(at_ms, _)| now_ms.min(*at_ms)))
+    }
+
     /// Whether a request in progress arrived at `deadline_ms` or before.
     pub fn any_by(&self, deadline_ms: u64) -> bool {
         let pending = self.pending();

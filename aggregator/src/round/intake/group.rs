@@ -66,7 +66,7 @@ impl Aggregator {
 }
 
 impl ToRecord {
-    fn body(&self) -> AuthenticBody {
+    pub(super) fn body(&self) -> AuthenticBody {
         match self {
             Self::Statement(body) => (**body).clone(),
             Self::Decision(decided) => decided.body(),

@@ -2,6 +2,7 @@
 
 pub mod admission;
 pub mod arrivals;
+pub mod doomed;
 pub mod group;
 pub mod lost_files;
 pub mod registrations;

@@ -6,7 +6,7 @@ use crate::round::request_error::RequestError;
 use crate::serve::service::{blocking, Service};
 use tracing::{Instrument, Span};
 use zk0_circuits::Digest;
-use zk0_ledger::blobs::Blobs;
+use zk0_ledger::blobs::{BlobError, Blobs};
 
 impl Service {
     /// Bounds the bytes of blobs in the ledger's folder, beside those of the open round and the next one. The store has the others.
@@ -39,7 +39,7 @@ impl Service {
     ) -> Result<GrowingFile, RequestError> {
         if blobs.is_here(&blob) {
             let whole = move || {
-                let whole = GrowingFile::whole(blobs.file(&blob)?);
+                let whole = GrowingFile::whole(blobs.file(&blob).map_err(|error| unread(&error))?);
                 whole.map_err(|error| RequestError::Internal(error.to_string()))
             };
             return blocking(whole).await;
@@ -54,12 +54,20 @@ impl Service {
         let reading = async {
             let place = places.place().await.ok_or_else(crowded)?;
             let file = self.blob_places.reads.open(&blobs, blob, place).await;
-            file.map_err(|error| RequestError::from(&*error))
+            file.map_err(|error| unread(&error))
         };
         tokio::select! {
             file = reading => file,
             () = awaited.no_more() => Err(crowded()),
         }
+    }
+}
+
+/// Why a blob is not downloaded. It may have been pruned since the request has looked.
+fn unread(error: &BlobError) -> RequestError {
+    match error {
+        BlobError::Missing(blob) => RequestError::NotKept(*blob),
+        other => other.into(),
     }
 }
 
