@@ -13,7 +13,7 @@ RUST := scripts/with-rust
 ZK0 := $(CARGO_TARGET_DIR)/release/zk0
 SUDO := $(if $(filter-out 0,$(shell id -u)),sudo)
 
-.PHONY: look demo test hiding deletions attacks mutants quick lint coverage setup build image wheel deb guest fixtures book cycles prove-full round-full bench-succinct fidelity power bench-ledger bench-recording bench-train bench-decode bench-fedavg bench-load bench-simulate cuda network flower rollout units buckets
+.PHONY: look demo test hiding deletions attacks drills mutants quick lint coverage setup build image wheel deb guest fixtures book cycles prove-full round-full bench-succinct fidelity power bench-ledger bench-recording bench-train bench-decode bench-fedavg bench-load bench-simulate cuda network flower rollout units buckets
 
 # Audits the committed ledger, which holds real proofs, and shows the report. It builds an auditor's program, without a prover, in the place of the
 # whole one: `make build` builds that again.
@@ -95,6 +95,12 @@ deletions:
 # cores on which four others built.
 attacks:
 	@$(RUST) cargo test --release --workspace --locked --quiet --test system attacks:: -- --ignored --nocapture
+
+# Plays what happens to a network once in months (testkit/tests/drills.txt), with real binaries on loopback: an operator mends it with the commands of
+# docs/runbook.md. Prints one JSON line for each event, and fails while one of them is not played.
+drills:
+	@scripts/setup.sh guest
+	@scripts/drills
 
 # Changes what this branch changed in the crates that decide, one small piece at a time, and fails where no test notices. BASE is what the branch is
 # compared with.

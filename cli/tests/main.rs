@@ -8,6 +8,7 @@ mod compare;
 mod curves;
 mod cut_network;
 mod dataset;
+mod drills;
 mod export;
 mod followed_losses;
 mod harness;

@@ -1,6 +1,7 @@
 //! A node compares the network's guest program with its own before each round, and its recording with the rules, because a vote may change both
 //! between rounds.
 
+use crate::harness::drill::Drill;
 use crate::harness::network::LocalNetwork;
 use crate::harness::{self, logged, printed, prints, zk0};
 use ed25519_dalek::SigningKey;
@@ -105,6 +106,8 @@ fn a_node_stops_before_a_round_of_another_program() {
     let governor = governed(&network, 1);
     network.joins(1, &TRAINING);
     assert!(Path::new(&network.path("state/round-0.safetensors")).exists());
+    let mut drill = Drill::begin("the program is updated");
+    drill.shortened = Some("a vote takes a millisecond and not four days");
     // The vote is over while round 1 is open, which keeps its program. Round 2 is of the other one.
     let next = Program::founding(&[2; 32]);
     let round = vote_in_a_round(&network, &governor, Action::ReplaceProgram(next.clone()));
@@ -137,6 +140,14 @@ fn a_node_stops_before_a_round_of_another_program() {
     // Another start does not even prepare the recording.
     let reported = needs(&network.join(1, &TRAINING), &next);
     assert!(!reported.contains("preparing the recording"), "{reported}");
+    let status = network.served(|aggregator, _, id| {
+        let of = ["--aggregator", aggregator, "--network", id];
+        prints(&[&["governance", "status"], &of[..]].concat())
+    });
+    let in_force = format!("guest program: {next}");
+    assert!(status.contains(&in_force), "{status}");
+    drill.typed.push("zk0 governance status".to_owned());
+    drill.passed();
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! What the tests of the binary share: running it, and looking at files.
 
 pub mod accepting;
+pub mod drill;
 pub mod made_ledger;
 pub mod network;
 pub mod process;

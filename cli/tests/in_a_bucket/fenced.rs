@@ -1,6 +1,7 @@
 //! The log's entries in the store fence aggregators off from each other, and fill an empty folder.
 
 use super::{founded, serving};
+use crate::harness::drill::Drill;
 use crate::harness::network::LocalNetwork;
 use crate::harness::serving::Serving;
 use crate::harness::{as_in_the_runbook, copy, ends, fails, logged, logs, words, zk0};
@@ -92,6 +93,7 @@ fn of_two_aggregators_on_copies_of_a_folder_one_ends() {
     let kept = Kept::start();
     let [ledger, other] = ["ledger", "other"].map(|name| kept.network.path(name));
     copy(Path::new(&ledger), Path::new(&other));
+    let drill = Drill::begin("two aggregators run on copies of a folder");
     // Their rounds open and close by themselves.
     let serve = |name| Serving::start(&words(&kept.serving(name, &[])));
     let mut both = ["ledger", "other"].map(serve);
@@ -109,6 +111,7 @@ fn of_two_aggregators_on_copies_of_a_folder_one_ends() {
     let (short, long) = (&all[fenced], &all[1 - fenced]);
     assert!(short.len() < long.len());
     assert_eq!(long[..short.len()], short[..]);
+    drill.passed();
 }
 
 #[test]

@@ -2,8 +2,10 @@
 
 use super::founded;
 use super::serving;
+use crate::harness::drill::Drill;
 use crate::harness::serving::Serving;
 use crate::harness::{ends, fails, logged, prints, words, zk0};
+use crate::pages::Reader;
 use std::fs;
 use std::path::Path;
 use zk0_testkit::aggregator::copy_of;
@@ -54,6 +56,7 @@ fn an_aggregator_does_not_start_on_an_older_state_than_is_published() {
     let snapshot = copy_of(Path::new(&ledger));
     runs("2", &["--log-store", &log]);
     let published = network.entries();
+    let mut drill = Drill::begin("a folder comes back from a snapshot");
     for forked in [false, true] {
         fs::remove_dir_all(&ledger).unwrap();
         let copied = copy_of(snapshot.path());
@@ -77,6 +80,18 @@ fn an_aggregator_does_not_start_on_an_older_state_than_is_published() {
         assert_eq!(network.entries(), before, "nothing is signed");
         assert_ne!(before, published);
     }
+    // What is published makes the folder whole.
+    let [public, backup] = ["public", "backup"].map(|name| network.path(name));
+    fs::remove_dir_all(&ledger).unwrap();
+    prints(&["ledger", "import", &public, &backup]);
+    let restore = ["ledger", "restore", &backup, &ledger];
+    prints(&[&restore[..], &["--checkpoint", &public]].concat());
+    for begin in ["zk0 ledger import https", "zk0 ledger restore backup"] {
+        drill.typed.push(Reader::on_page("docs/runbook.md", begin));
+    }
+    runs("3", &["--log-store", &log]);
+    assert_eq!(network.entries()[..published.len()], published);
+    drill.passed();
 }
 
 #[test]

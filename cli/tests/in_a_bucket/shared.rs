@@ -1,6 +1,7 @@
 //! Two networks and one store. It belongs to the network that used it first, and no command of the other one reads or deletes anything there.
 
 use super::{founded, serving};
+use crate::harness::drill::Drill;
 use crate::harness::network::LocalNetwork;
 use crate::harness::serving::Serving;
 use crate::harness::{ends, logged, words, zk0};
@@ -93,7 +94,9 @@ fn belongs_to_the_first(address: &str, variables: &[(String, String)], root: &Pa
 fn a_folder_belongs_to_the_network_that_used_it_first() {
     let folder = tempfile::tempdir().unwrap();
     let address = format!("file://{}", folder.path().display());
+    let drill = Drill::begin("two networks share a bucket");
     belongs_to_the_first(&address, &[], folder.path());
+    drill.passed();
 }
 
 #[test]

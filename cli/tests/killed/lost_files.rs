@@ -1,6 +1,7 @@
 //! The aggregator loses the files of a contribution that it has accepted. Their node sends them again, and the round closes as it was recorded.
 
 use super::accepting::{part, until_submission, Served};
+use crate::harness::drill::Drill;
 use crate::harness::recorded::Member;
 use std::fs;
 use zk0_node::client::watching::Waited;
@@ -26,6 +27,7 @@ async fn closes(member: &Member, node: &mut NodeClient) -> (RoundClosed, usize) 
 
 #[test]
 fn a_node_sends_the_files_again_that_the_aggregator_has_lost() {
+    let drill = Drill::begin("a file of an accepted contribution is lost");
     for restarted in [false, true] {
         let mut served = Served::start();
         let members = served.members.clone();
@@ -67,4 +69,5 @@ fn a_node_sends_the_files_again_that_the_aggregator_has_lost() {
             assert!(folder.join(file).exists(), "{file}");
         }
     }
+    drill.passed();
 }

@@ -2,11 +2,17 @@
 //! and an empty folder. Every receipt stays what it was, and the round closes as it was recorded.
 
 use super::accepting::Served;
+use crate::harness::drill::Drill;
+use crate::pages::Reader;
 use zk0_testkit::s3::S3;
 
 fn goes_on_elsewhere(step: &str) {
     let Some(s3) = S3::start() else { return };
+    let mut drill = Drill::begin("the machine is lost, with a bucket");
+    let serve = "zk0 aggregator serve ledger --key log.key --blob-store";
+    drill.typed = vec![Reader::on_page("docs/runbook.md", serve)];
     Served::start_in(Some(s3)).goes_on(step, 1);
+    drill.passed();
 }
 
 #[test]

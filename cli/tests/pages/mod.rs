@@ -23,38 +23,42 @@ fn network_of(ledger: &Path) -> String {
 }
 
 /// Somebody who follows pages in a folder of their own.
-struct Reader {
+pub struct Reader {
     folder: TempDir,
     /// Words of the pages, and what this reader writes in their place.
     filled_in: Vec<(&'static str, String)>,
 }
 
 impl Reader {
-    fn new() -> Self {
+    pub fn new() -> Self {
         Self {
             folder: tempfile::tempdir().unwrap(),
             filled_in: Vec::new(),
         }
     }
 
-    fn path(&self, name: &str) -> PathBuf {
+    pub fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
 
     /// Writes `value` in the place of these words from now on.
-    fn fills_in(&mut self, words: &'static str, value: impl Into<String>) {
+    pub fn fills_in(&mut self, words: &'static str, value: impl Into<String>) {
         self.filled_in.retain(|(other, _)| *other != words);
         self.filled_in.push((words, value.into()));
     }
 
-    /// The shortest command of a page that begins so, in the reader's folder. A service that is not told where to listen takes a free port.
+    /// The shortest command of a page that begins so.
     #[track_caller]
-    fn command(&self, page: &str, begin: &str) -> Command {
+    pub fn on_page(page: &str, begin: &str) -> String {
         let commands = commands(&fs::read_to_string(root().join(page)).unwrap()).into_iter();
-        let command = commands
+        commands
             .filter(|command| command.starts_with(begin))
             .min_by_key(String::len)
-            .unwrap_or_else(|| panic!("{page} has no command that begins with {begin:?}"));
+            .unwrap_or_else(|| panic!("{page} has no command that begins with {begin:?}"))
+    }
+
+    /// This command, in the reader's folder. A service that is not told where to listen takes a free port.
+    pub fn types(&self, command: String) -> Command {
         let fill_in =
             |command: String, (words, value): &(&str, String)| command.replace(*words, value);
         let command = self.filled_in.iter().fold(command, fill_in);
@@ -66,6 +70,11 @@ impl Reader {
         shell.env("PATH", path).env("ZK0_LOG", "json");
         shell.env("ZK0_LEDGER_LISTEN", "127.0.0.1:0");
         shell
+    }
+
+    #[track_caller]
+    fn command(&self, page: &str, begin: &str) -> Command {
+        self.types(Self::on_page(page, begin))
     }
 
     /// Runs such a command, which has to succeed. Returns what it prints.

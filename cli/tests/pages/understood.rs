@@ -28,7 +28,7 @@ fn arguments(command: &str, log_key: &str) -> Option<Vec<String>> {
         return None;
     }
     let value = |word: &&str| match *word {
-        "ID" => id.clone(),
+        "ID" | "NEW" => id.clone(),
         "KEY" | "LOGKEY" => log_key.to_owned(),
         "N" | "ENTRY" => "3".to_owned(),
         word => word.replace("IDENTITY", &id),

@@ -3,6 +3,7 @@
 mod book;
 mod circles;
 mod commands;
+mod drills;
 mod files;
 mod links;
 mod map;
