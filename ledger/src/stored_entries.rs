@@ -184,8 +184,7 @@ pub(crate) fn reconcile(
 /// S3 knows `If-None-Match`.
 fn check_fence(store: &dyn EntryStore) -> Result<(), LedgerError> {
     let first = get(store, 0)?.ok_or_else(|| missing(store, 0))?;
-    let overwrites = store.create_group(0, &first).map_err(BlobError::from)?;
-    if overwrites {
+    if store.create_group(0, &first).map_err(BlobError::from)? {
         return Err(LedgerError::NoFence(store.place().into()));
     }
     Ok(())
