@@ -39,6 +39,7 @@ pub struct State {
     pub(crate) next_round: u64,
     pub(crate) round: Option<Round>,
     pub(crate) next_proposal: u64,
+    pub(crate) next_decision: u64,
     pub(crate) proposals: BTreeMap<u64, OpenProposal>,
     pub(crate) contributions: BTreeMap<u64, Contribution>,
     pub(crate) disputes: BTreeMap<u64, OpenDispute>,
@@ -46,7 +47,6 @@ pub struct State {
     pub(crate) results: RoundResults,
     pub(crate) earlier_base: Option<WeightsDigest>,
     pub(crate) moments: Option<ServerMoments>,
-    pub(crate) next_decision: u64,
 }
 
 /// An enrolled node.
