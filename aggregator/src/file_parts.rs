@@ -1,5 +1,4 @@
-//! A file in parts, for sending it over a network. Memory stays small for every size, and a reader too slow for one part, or for all, is
-//! given up.
+//! A file in parts, for sending it over a network, in little memory. A reader too slow for one part, or for all, is given up.
 
 use std::io::{self, ErrorKind};
 use std::time::Duration;
@@ -21,11 +20,11 @@ pub(crate) struct ReadingPace {
     pub all: Duration,
 }
 
-/// A slower reader, in bytes per second, is given up in the end: 8 Mbit/s.
+/// A slower reader, in bytes per second, is given up: 8 Mbit/s.
 const SLOWEST: u64 = 1_000_000;
 
 impl ReadingPace {
-    /// For an answer of `bytes`: `least`, and what a slow line needs besides.
+    /// For an answer of `bytes`: `least`, and a slow line's time.
     pub fn of_bytes(bytes: u64, silence: Duration, least: Duration) -> Self {
         Self {
             silence,
@@ -45,13 +44,13 @@ pub(crate) fn file_parts(
     let ends = Instant::now() + pace.all;
     tokio::spawn(async move {
         let _kept = kept;
-        // The reason needs a free place, which this reader does not leave.
+        // The reason needs a free place, which this reader never leaves.
         let Ok(reason) = sender.clone().reserve_owned().await else {
             return;
         };
         let given_up = loop {
             let mut part = vec![0; PART_BYTES];
-            // A file that is still being written may have no next bytes yet.
+            // A file that is being written may have no next bytes yet.
             let read = tokio::select! {
                 read = file.read(&mut part) => read,
                 () = sender.closed() => return,

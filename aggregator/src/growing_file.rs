@@ -1,4 +1,4 @@
-//! A file that is being written, as its readers see it: they wait for what is not there yet, and hear if it never comes.
+//! A file that is being written, as its readers see it: they wait for what is missing, and hear if it never comes.
 
 use crate::line::WorkPermit;
 use futures_core::future::BoxFuture;
@@ -13,18 +13,16 @@ use tokio::sync::watch;
 use tokio::task::spawn_blocking;
 use zk0_ledger::blobs::BlobError;
 
-/// How far a file has come.
 #[derive(Clone, Default)]
 pub(crate) struct FileProgress {
-    /// The file, and how many bytes it will have. Absent until the first ones are there.
+    /// The file and its final size in bytes. Absent until its first ones are there.
     pub file: Option<(Arc<File>, u64)>,
     /// How many bytes of it may be read.
     pub held: u64,
-    /// Why there will be no more.
+    /// Why no more will come.
     pub failed: Option<Arc<BlobError>>,
 }
 
-/// A reader of such a file.
 pub(crate) struct GrowingFile {
     file: Arc<File>,
     size: u64,
@@ -88,7 +86,7 @@ impl AsyncRead for GrowingFile {
         let read = ready!(reading.as_mut().poll(context));
         this.reading = None;
         let bytes = read?;
-        // A reader may want fewer than when it began to wait.
+        // A reader may now want fewer.
         let taken = bytes.len().min(buffer.remaining());
         buffer.put_slice(&bytes[..taken]);
         this.at += taken as u64;

@@ -1,5 +1,5 @@
-//! A bounded queue in front of work of which little runs at once. When it is full, newcomers have to come again. Without a bound, they
-//! would wait for hours, and hold memory.
+//! A bounded queue in front of work of which little runs at once. When it is full, newcomers have to come again. Otherwise they would wait
+//! for hours, and hold memory.
 
 use std::sync::Arc;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
@@ -10,7 +10,7 @@ pub(crate) struct WorkQueue {
     waiting: Arc<Semaphore>,
 }
 
-/// A place, until it is dropped. Give it to the work itself: the caller may leave earlier.
+/// A place, until dropped. Give it to the work itself: the caller may leave earlier.
 pub(crate) struct WorkPermit {
     _permit: OwnedSemaphorePermit,
 }

@@ -1,5 +1,5 @@
-//! Blobs that are read from their store because somebody downloads them. Readers begin with the first bytes, and several readers of one blob
-//! share its reading. The reading stops when the last one has left.
+//! Blobs read from their store for downloads. Readers begin with the first bytes, and several readers of one blob share its reading. It
+//! stops when the last one has left.
 
 use crate::growing_file::{FileProgress, GrowingFile};
 use crate::line::WorkPermit;
@@ -20,13 +20,13 @@ type Readings = HashMap<Digest, Weak<watch::Sender<FileProgress>>>;
 #[derive(Clone, Default)]
 pub(crate) struct StoreReads {
     readings: Arc<Mutex<Readings>>,
-    /// How many bytes of blobs the folder may hold once a blob was read; `None` for no limit.
+    /// How many bytes of blobs the folder may hold after a reading; `None` for no limit.
     pub cache_bytes: Option<u64>,
 }
 
 impl StoreReads {
-    /// A reader of a blob that is not in the folder, once its first bytes are there. They are not verified, but the last one comes only if all of
-    /// them are right. `place` is taken while this reader needs the store.
+    /// A reader of a blob that is not in the folder, once its first bytes are there. They are unverified, but the last one comes only if
+    /// all are right. `place` is taken while this reader needs the store.
     pub async fn open(
         &self,
         blobs: &Blobs,
@@ -44,7 +44,7 @@ impl StoreReads {
                 Arc::new(BlobError::Io { path, error })
             })?;
             match (begun.failed, begun.file, kept) {
-                // That reading may have begun long ago, and the store may answer now.
+                // That reading may have begun long ago. The store may answer now.
                 (Some(_), _, Some(kept)) if again => (again, place) = (false, kept),
                 (Some(failed), ..) => return Err(failed),
                 (None, Some(file), kept) => return Ok(GrowingFile::new(file, progress, kept)),
@@ -108,13 +108,13 @@ impl StoreReads {
         });
     }
 
-    /// Whether nobody follows a reading. Then nobody can from now on.
+    /// Whether a reading has no followers. It then gets none.
     fn is_abandoned(&self, blob: &Digest, progress: &watch::Sender<FileProgress>) -> bool {
         if !progress.is_closed() {
             return false;
         }
         let mut readings = self.locked();
-        // Somebody may have come before this had the lock.
+        // A follower may have come before this had the lock.
         let abandoned = progress.is_closed();
         if abandoned {
             readings.remove(blob);
@@ -122,7 +122,7 @@ impl StoreReads {
         abandoned
     }
 
-    /// Keeps the folder small. Those who read a removed file have it open.
+    /// Keeps the folder small. Readers of a removed file have it open.
     fn shrink(&self, blobs: &Blobs) {
         let Some(limit) = self.cache_bytes else {
             return;
@@ -133,12 +133,12 @@ impl StoreReads {
     }
 
     fn locked(&self) -> MutexGuard<'_, Readings> {
-        // A panic elsewhere does not spoil the map: it is never half changed.
+        // A panic elsewhere leaves the map whole.
         self.readings.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// Tells of a part that has come. The last byte is kept back until all are verified.
+/// Tells of a part that has come. The last byte waits until all are verified.
 fn came(
     progress: &watch::Sender<FileProgress>,
     arriving: ArrivingBlob<'_>,

@@ -12,25 +12,25 @@ use zk0_protocol::counted::counted;
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum CheckKind {
-    /// The guest program is this release's, or named by the auditor.
+    /// The guest program is this release's, or the auditor's.
     Program,
-    /// The evaluation's parameters are this release's, or named by the auditor.
+    /// The evaluation's parameters are this release's, or the auditor's.
     Evaluation,
-    /// The file of the whole initial policy is the genesis's.
+    /// The file of the initial policy is the genesis's.
     Policy,
     /// A dataset's leaves hash to the committed root, and all differ.
     Datasets,
-    /// A round's starting weights file holds the numbers that the ledger names.
+    /// A round's starting weights file holds the ledger's numbers.
     Bases,
     /// An accepted contribution's SP1 proof verifies.
     Proofs,
-    /// An update's bytes are the proven weights, and the proof's products are theirs.
+    /// An update's bytes are the proven weights, and have the proof's products.
     Updates,
     /// Verification gives a refusal's recorded reason.
     Refusals,
-    /// The average, computed again, is the recorded one.
+    /// The average, computed again, is as recorded.
     Averages,
-    /// A round's result has the recorded losses on the public samples, and the recorded outcome.
+    /// A round's result has the recorded losses on the public samples, and outcome.
     Results,
     /// The file of global weights is the ledger's.
     Globals,
@@ -46,11 +46,11 @@ pub enum CheckKind {
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum SkipReason {
-    /// A light audit reads no weights or lists of drawn frames.
+    /// A light audit reads no weights or frame lists.
     Light,
     /// A blob for the check is missing.
     NotAtHand,
-    /// A blob for the check is missing, and the log's operator signed its pruning.
+    /// A blob for the check is missing, and its pruning is signed.
     Pruned,
     /// The check needs an unverified part.
     RestsOnOthers,
@@ -71,7 +71,7 @@ pub struct Checked {
     pub updates: u64,
     /// Refusals whose reason verification gives.
     pub refusals: u64,
-    /// Global weights with the same digest when computed again.
+    /// Global weights with the same digest, computed again.
     pub averages: u64,
     /// Results of rounds with the recorded losses on the public samples.
     pub results: u64,

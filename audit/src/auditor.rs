@@ -1,11 +1,11 @@
-//! What an auditor checks beyond the ledger's rules, with the aggregator's functions and the blobs at hand.
+//! What an auditor checks beyond the ledger's rules, with the aggregator's functions.
 //!
-//! After a round has closed, a missing proof or update of an accepted contribution is a fault, unless the log's operator signed its
-//! pruning. Until then only the aggregator has both, because they are private. Everything else that is missing, or left out by a light
-//! audit, is reported as not checked, and never called verified.
+//! Once a round has closed, a missing proof or update of an accepted contribution is a fault, unless the log's operator signed its pruning.
+//! Until then both are private to the aggregator. All else that is missing, or left out by a light audit, is reported as not checked, and
+//! never called verified.
 //!
-//! Several threads verify proofs and weights during the replay. At most twice as many contributions as threads are begun and not yet
-//! reported. A round's average reads the weights again from files that their verification has sealed ([`zk0_verifier::combine::sealed`]).
+//! Several threads verify proofs and weights during the replay. At most twice as many contributions as threads are in progress or
+//! unreported. A round's average reads the weights again from files that their verification has sealed ([`zk0_verifier::combine::sealed`]).
 
 mod found;
 mod left_out;
@@ -42,7 +42,7 @@ pub struct Auditor {
     named: TrustedPrograms,
     /// What was checked, without the open round's contributions.
     account: Account,
-    /// What was checked of the open round's contributions.
+    /// The open round's part.
     open: Account,
     /// What the open round accepted.
     accepted: Vec<RecordedClaim>,
@@ -50,21 +50,19 @@ pub struct Auditor {
     contributions: Vec<VerifiedContribution>,
     /// Their missing blobs.
     missing: Vec<Missing>,
-    /// Refusals of the open round whose proof or update is missing, because they are still private.
+    /// Refusals of the open round whose proof or update is still private.
     refused: Vec<(RecordedClaim, RefusalCode)>,
-    /// Accepted contributions open to dispute that do not verify here: the refusal, or `None` if not all was checked.
+    /// Disputable contributions that do not verify here: the refusal, or `None` if not all was checked.
     doubtful: BTreeMap<u64, Option<RefusalCode>>,
-    /// The operator's statement about blobs no longer kept.
+    /// The statement about blobs no longer kept.
     pruning: Option<Pruning>,
-    /// The rounds whose average cannot be repeated, because blobs were pruned.
+    /// The rounds whose average needs pruned blobs.
     unrepeatable: Rounds,
     queue: Queue<JobOutcome>,
     found: Found,
 }
 
-/// The outcome of a job.
 enum JobOutcome {
-    /// An entry's check.
     Check(u64, Check),
     /// An accepted contribution's checks.
     Accepted(u64, Box<Examined>),
@@ -115,8 +113,8 @@ impl Auditor {
         Self { found, ..self }
     }
 
-    /// Continues from [`Recheck::save`] of an audit with the same depth and named programs. The open round's contributions are verified
-    /// again, because the average takes only verified ones.
+    /// Continues from [`Recheck::save`] of an audit with the same depth and named programs. Verifies the open round's contributions again,
+    /// because the average takes only verified ones.
     ///
     /// # Errors
     /// Why not: for example, a blob is there now that was missing or damaged.
@@ -147,7 +145,7 @@ impl Auditor {
         self.found.damaged()
     }
 
-    /// What could not be read so far, because of a disk or the auditor's copy. It gets no verdict.
+    /// What could not be read, because of a disk or the auditor's copy. It gets no verdict.
     pub fn not_read(&self) -> Option<Finding> {
         self.found.not_read()
     }
@@ -178,7 +176,6 @@ impl Auditor {
         account
     }
 
-    /// Begins to verify a contribution that the open round accepted.
     fn examine(&mut self, recorded: RecordedClaim, blobs: &Blobs) {
         self.accepted.push(recorded.clone());
         let (depth, blobs) = (self.depth, blobs.clone());
@@ -188,7 +185,7 @@ impl Auditor {
         });
     }
 
-    /// Begins a check of entry `index`'s blobs. A light audit reads none here.
+    /// Begins a check of entry `index`'s blobs, unless the audit is light.
     fn check(&mut self, index: u64, check: impl FnOnce() -> Check + Send + 'static) {
         match self.depth {
             Depth::Light => self.queue.push(JobOutcome::Check(index, check())),
@@ -251,7 +248,7 @@ impl Auditor {
         self.finish_all();
     }
 
-    /// Checks a round's end: refusals, average, evaluation, and each accepted contribution's proof and update.
+    /// Checks a round's end: refusals, average, evaluation, and each accepted proof and update.
     fn closed(&mut self, before: &State, index: u64, closed: &RoundClosed, blobs: &Blobs) {
         self.finish_all();
         self.check_refused(closed, blobs);

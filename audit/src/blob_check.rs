@@ -13,7 +13,6 @@ use zk0_protocol::rules::state::State;
 /// Checks the ledger's blobs during a replay ([`zk0_ledger::replay::replay`]).
 #[derive(Clone, Copy, Debug, Default)]
 pub struct BlobCheck {
-    /// The operator's statement about blobs no longer kept.
     pruning: Option<Pruning>,
     /// How many of those are missing.
     pruned: u64,

@@ -1,5 +1,5 @@
-//! The checks: functions of the ledger and its blobs, with the aggregator's functions. [`closings`] checks a round's end, [`check`] has the
-//! outcomes, and [`pruning_waiver`] waives pruned blobs.
+//! The checks: functions of the ledger and its blobs, with the aggregator's functions. [`closings`]: a round's end; [`check`]: the
+//! outcomes; [`pruning_waiver`]: pruned blobs.
 
 pub mod check;
 pub mod closings;
@@ -213,7 +213,7 @@ impl RecordedClaim {
             Err(error) => return unread(&error),
         };
         let weights = match about_update {
-            // The proof is checked before the update.
+            // The proof comes before the update.
             false => None,
             true => match self.weights(blobs) {
                 Ok(Ok(weights)) => Some(weights),
@@ -231,7 +231,6 @@ impl RecordedClaim {
         }
     }
 
-    /// A check of a proof that this release cannot verify.
     fn no_verifier(&self, what: CheckKind, why: &Refusal) -> Check {
         let node = self.node();
         Check::LeftOut(
@@ -259,7 +258,7 @@ impl RecordedClaim {
         at_hand(weights)
     }
 
-    /// Verifies the contribution, or only its claim if the weights are not read.
+    /// Verifies the contribution, or only its claim without the weights.
     fn verify(
         &self,
         proof: Vec<u8>,
@@ -274,14 +273,13 @@ impl RecordedClaim {
     }
 }
 
-/// A missing blob.
 #[derive(Clone, Copy, Debug)]
 struct Absent {
     kind: BlobKind,
     blob: Digest,
 }
 
-/// What was read, or the missing blob; an error if something else is wrong.
+/// What was read, or the missing blob; an error for all else.
 type AtHand<T> = Result<Result<T, Absent>, Unreadable<BlobError>>;
 
 /// The caller decides about a missing blob.
@@ -295,7 +293,7 @@ fn at_hand<T>(read: Result<T, Unreadable<BlobError>>) -> AtHand<T> {
     }
 }
 
-/// Checks that verification decides a dispute about entry `contribution` as recorded. `found` is this audit's result for it: `None` if it
+/// Checks that verification decides a dispute about entry `contribution` as recorded. `found` is this audit's result: `None` if it
 /// verifies, `Some(None)` if not all was checked.
 pub fn disputed(
     contribution: u64,
@@ -324,7 +322,7 @@ pub fn disputed(
     }
 }
 
-/// Checks that the guest program is this release's, or named by the auditor. `key` is the genesis's, or one put in force by vote.
+/// Checks that the guest program is this release's, or the auditor's. `key` is the genesis's, or one in force by vote.
 pub fn program(genesis: &Genesis, key: &[u8], named: &TrustedPrograms) -> Check {
     let own = verifying_key(genesis.mode);
     if key == own || named.programs.contains(key) {
@@ -339,7 +337,7 @@ pub fn program(genesis: &Genesis, key: &[u8], named: &TrustedPrograms) -> Check 
     ))
 }
 
-/// Checks that the evaluation's parameters are this release's, or named by the auditor.
+/// Checks that the evaluation's parameters are this release's, or the auditor's.
 pub fn evaluation(genesis: &Genesis, named: &TrustedPrograms) -> Check {
     let spec = match EvalSpec::decode(&genesis.evaluation) {
         Ok(spec) => spec,
@@ -428,7 +426,7 @@ pub fn dataset(
     }
 }
 
-/// Checks that a round's starting weights file, of at most `limit` bytes, holds the numbers that the ledger names.
+/// Checks that a round's starting weights file, of at most `limit` bytes, holds the ledger's numbers.
 pub fn base(
     evaluation: Result<Evaluation, Refusal>,
     limit: u64,

@@ -8,8 +8,8 @@ use borsh::{BorshDeserialize, BorshSerialize};
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum Depth {
-    /// Entries and proofs, without weights and lists of drawn frames. Does not check averages, datasets, or that updates are what was
-    /// proven, on which a proof in mode `succinct` depends.
+    /// Entries and proofs, without weights and frame lists. Does not check averages, datasets, or that updates are what was proven, on
+    /// which a proof in mode `succinct` depends.
     Light,
     /// Everything at hand.
     #[default]

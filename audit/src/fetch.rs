@@ -1,4 +1,4 @@
-//! Finds the ledger to audit. Reads a ledger's folder in place, and fetches an export or a served log into a mirror.
+//! Finds the ledger to audit: a ledger's folder in place, an export or a served log in a mirror.
 
 pub mod behind;
 pub mod temporary;
@@ -57,7 +57,7 @@ pub struct Located {
 /// Finds `ledger`. Fetches a ledger elsewhere to `keep`, or to a temporary folder.
 ///
 /// # Errors
-/// [`WrongUsage`] if `keep` or `trust` does not fit the ledger; otherwise the ledger is unreadable, or [something is wrong](is_fault).
+/// [`WrongUsage`] if `keep` or `trust` does not fit the ledger; otherwise it is unreadable, or [something is wrong](is_fault).
 pub fn locate(
     ledger: &str,
     keep: Option<&Path>,
@@ -135,7 +135,6 @@ pub fn network_of(dir: &Path) -> Option<Digest> {
     genesis_of(dir).map(|genesis| genesis.network_id())
 }
 
-/// The genesis in the first entry of the ledger in `dir`; `None` if it cannot be read.
 fn genesis_of(dir: &Path) -> Option<Genesis> {
     let store = Store::open_read_only(&folder::database(dir)).ok()?;
     let founder = store.entry(0).ok()??;
@@ -154,7 +153,7 @@ pub fn is_signed(dir: &Path) -> bool {
     signed().is_some()
 }
 
-/// Refuses a ledger in `dir` of another network than the auditor has named.
+/// Refuses a ledger in `dir` of another network than the auditor named.
 fn check_network(ledger: &str, dir: &Path, expected: Option<&Digest>) -> Result<(), WrongUsage> {
     let Some(expected) = expected else {
         return Ok(());
@@ -186,7 +185,7 @@ pub fn fetch(
         WantedBlobs::Entries => {
             mirror(&selection, dir, policy, network)?;
         }
-        // The entries name the proofs, and new entries may come meanwhile.
+        // The entries name the proofs, and new ones may come meanwhile.
         WantedBlobs::Proofs => {
             mirror(&selection, dir, policy, network)?;
             loop {
@@ -200,7 +199,7 @@ pub fn fetch(
     Ok(())
 }
 
-/// Whether the log served something wrong, not nothing.
+/// Whether the log served something wrong.
 pub fn is_wrong(error: &MirrorError) -> bool {
     match error {
         MirrorError::Published(error) => !matches!(
@@ -209,7 +208,7 @@ pub fn is_wrong(error: &MirrorError) -> bool {
                 | PublishedError::Missing(..)
                 | PublishedError::NoCheckpoint
                 | PublishedError::Behind { .. }
-                // Something else answers under this address, such as a page for browsers.
+                // Something else answers here, such as a page for browsers.
                 | PublishedError::Checkpoint(CheckpointError::NoNote(_))
         ),
         MirrorError::Ledger(error) => matches!(
@@ -229,13 +228,12 @@ pub fn is_wrong(error: &MirrorError) -> bool {
     }
 }
 
-/// Whether `error` states that something is wrong with the log, and not just that it cannot be read.
+/// Whether `error` states that something is wrong with the log, and not just unreadable.
 pub fn is_fault(error: &anyhow::Error) -> bool {
     let mut causes = error.chain();
     causes.any(|cause| cause.downcast_ref::<MirrorError>().is_some_and(is_wrong))
 }
 
-/// The proofs that the entries in `dir` name.
 fn proofs(dir: &Path) -> Result<BTreeSet<Digest>, MirrorError> {
     let store = Store::open_read_only(&folder::database(dir))?;
     let mut proofs = BTreeSet::new();
@@ -249,7 +247,6 @@ fn proofs(dir: &Path) -> Result<BTreeSet<Digest>, MirrorError> {
     Ok(proofs)
 }
 
-/// A log with a selection of blobs.
 struct Selection<'a> {
     source: &'a dyn LogSource,
     blobs: BTreeSet<Digest>,

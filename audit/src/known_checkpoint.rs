@@ -7,8 +7,8 @@ use zk0_files::bounded_file;
 use zk0_ledger::folder;
 use zk0_protocol::tlog::checkpoint::MAX_NOTE_BYTES;
 
-/// A checkpoint's text. `from` is a file, a folder with a file `checkpoint`, or the address of a served log or a checkpoint. For `ca` see
-/// [`Trust::ca`](crate::log_source::Trust::ca).
+/// A checkpoint's text. `from` is a file, a folder with a file `checkpoint`, or the address of a served log or a checkpoint.
+/// [`Trust::ca`](crate::log_source::Trust::ca) explains `ca`.
 ///
 /// # Errors
 /// Nothing is there, or it is unreadable or too long.

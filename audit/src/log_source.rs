@@ -19,9 +19,9 @@ use zk0_protocol::{Body, Entry, Genesis, VerifierKey, WitnessPolicy};
 pub struct Trust {
     /// The log's network; `None` if the auditor does not know its id.
     pub network: Option<Digest>,
-    /// The witnesses who must have cosigned the checkpoint. `None` takes those of the network's rules, where the whole log is read.
+    /// The witnesses who must have cosigned the checkpoint. `None` takes the rules' ones, where the whole log is read.
     pub witness_policy: Option<WitnessPolicy>,
-    /// The PEM file of authorities for logs over HTTPS; by default the system's.
+    /// The PEM file of authorities for HTTPS; by default the system's.
     pub ca: Option<PathBuf>,
 }
 
@@ -38,7 +38,7 @@ impl fmt::Display for WrongUsage {
 impl std::error::Error for WrongUsage {}
 
 impl WrongUsage {
-    /// `ledger` is of the network `found`, not of `expected`, which the auditor named.
+    /// `ledger` is of the network `found`, not of the named `expected`.
     pub fn other_network(ledger: &str, found: &Digest, expected: &Digest) -> Self {
         Self(format!(
             "{ledger} is of network {found}, but --network names {expected}: nothing was checked. Choose the right folder or address. If \
@@ -85,7 +85,7 @@ pub fn source(text: &str, ca: Option<&Path>) -> Result<Box<dyn LogSource>> {
     }
 }
 
-/// Reads a log's genesis. Without `network`, it may be another network's.
+/// Reads a log's genesis, without `network` perhaps another network's.
 pub fn genesis(source: &dyn LogSource, network: Option<&Digest>) -> Result<Genesis> {
     let genesis = founder(&first_entry(source)?)?;
     let found = genesis.network_id();
@@ -97,8 +97,8 @@ pub fn genesis(source: &dyn LogSource, network: Option<&Digest>) -> Result<Genes
     }
 }
 
-/// Reads the genesis of the log at an address or in a folder, even if a ledger's folder has not published it: a witness's operator needs
-/// the log's key before the first cosignature.
+/// Reads the genesis of the log at an address or in a folder, published or not: a witness's operator needs the log's key before the first
+/// cosignature.
 ///
 /// # Errors
 /// Those of [`source`]; or the first entry is unreadable or not a genesis.
@@ -113,7 +113,6 @@ pub fn genesis_at(from: &str, ca: Option<&Path>) -> Result<Genesis> {
     founder(&first)
 }
 
-/// The genesis in a log's first entry.
 fn founder(first: &[u8]) -> Result<Genesis> {
     match Entry::decode(first)?.body {
         Body::Genesis(genesis) => Ok(genesis),

@@ -25,7 +25,7 @@ impl<T: Send + 'static> Queue<T> {
         }
     }
 
-    /// Starts `check` on another thread. If the queue [is full](Queue::is_full), first take an outcome out.
+    /// Starts `check` on another thread. If the queue [is full](Queue::is_full), first take an outcome.
     pub fn begin(&mut self, check: impl FnOnce() -> T + Send + 'static) {
         let (done, outcome) = sync_channel(1);
         // Without a new thread, this thread does the check.
@@ -47,7 +47,7 @@ impl<T: Send + 'static> Queue<T> {
         self.slots.push_back(slot);
     }
 
-    /// Adds an outcome that is known at once.
+    /// Adds a known outcome.
     pub fn push(&mut self, outcome: T) {
         self.slots.push_back(QueueSlot::Done(outcome));
     }
@@ -80,7 +80,7 @@ impl<T: Send + 'static> Queue<T> {
     }
 }
 
-/// A check's thread panicked, so it has no outcome.
+/// A check's thread panicked, without an outcome.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Panicked;
 

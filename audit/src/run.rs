@@ -43,7 +43,7 @@ pub fn check_state_file(path: &Path) -> Result<(), WrongUsage> {
 pub struct SeenLog {
     /// Its size and root.
     pub checkpoint: Checkpoint,
-    /// When it was verified last.
+    /// When that was.
     pub at: Instant,
 }
 
@@ -60,39 +60,39 @@ pub struct Audit<'a> {
     pub threads: Option<NonZeroUsize>,
     /// The state file of what was verified. `None` starts from the first entry and keeps nothing.
     pub state_file: Option<SaveOptions>,
-    /// What the caller has seen of the log before. The log has to continue it, whatever the state file knows.
+    /// What the caller has seen of the log. The log has to continue it, whatever the state file knows.
     pub seen: Option<SeenLog>,
-    /// How long a log may show fewer entries than were seen before. Then it was rolled back, and the verdict is
+    /// How long a log may show fewer entries than before. Then it was rolled back, and the verdict is
     /// [`Verdict::Failed`](zk0_ledger::replay::Verdict::Failed).
     pub behind_for: Duration,
-    /// Copies again what is missing in the folder, where the auditor has copied it from a served log or an export. `None` where the ledger is
-    /// read where it lies: then a damaged blob is a fault.
+    /// Copies again what is missing in the auditor's copy of a served log or an export. `None` where the ledger is read in place: then a
+    /// damaged blob is a fault.
     pub fetch_again: Option<&'a dyn Fn() -> Result<()>>,
     /// Called from several threads with the numbers of verified and of all entries.
     pub progress: Option<&'a (dyn Fn(u64, u64) + Sync)>,
 }
 
 impl Audit<'_> {
-    /// Audits the ledger in `dir`. If the audit cannot continue from the state file, it starts from the first entry and logs the reason.
-    /// The log still has to match the state file.
+    /// Audits the ledger in `dir`. If the audit cannot continue from the state file, it logs why, and starts from the first entry. The log
+    /// still has to match the state file.
     ///
     /// A damaged blob in the auditor's own copy is fetched again before the verdict.
     ///
     /// # Errors
-    /// The ledger or the state file cannot be read, or a blob of it cannot, and nothing else is wrong. [`WrongUsage`] if they are of different
-    /// networks. [`LogBehind`] if the ledger shows less than was seen before, and has time to come back.
+    /// The ledger, a blob or the state file cannot be read, and nothing else is wrong. [`WrongUsage`] if they are of different networks.
+    /// [`LogBehind`] if the ledger shows less than before, and has time to come back.
     pub fn run(&self, dir: &Path) -> Result<Audited> {
         let (mut audited, mut auditor) = self.once(dir)?;
         if let Some(fetch_again) = self.fetch_again.filter(|_| !auditor.damaged().is_empty()) {
             match mend(&Blobs::at(dir), auditor.damaged(), fetch_again) {
                 Ok(()) => (audited, auditor) = self.once(dir)?,
                 Err(error) if audited.holds() => return Err(error),
-                // Faults are reported, whatever could not be fetched.
+                // Faults are reported, whatever was not fetched.
                 Err(error) => tracing::warn!("what is damaged is not fetched again: {error:#}"),
             }
         }
         match not_read(&auditor, &audited.report) {
-            // Faults are reported, whatever could not be read.
+            // Faults are reported, whatever was unreadable.
             Some(not_read) if audited.holds() => Err(unjudged(&not_read)),
             _ => Ok(audited),
         }
@@ -140,7 +140,7 @@ impl Audit<'_> {
         Ok((Audited::new(report, self.depth, &auditor), auditor))
     }
 
-    /// How far the log in `dir` is behind what was seen of it a short time ago, if it has signed what it shows.
+    /// How far the log in `dir` is behind what was seen a short time ago, if it has signed what it shows.
     fn behind(&self, dir: &Path, shown: u64, saved: Option<&SavedReplay>) -> Option<LogBehind> {
         let in_file = self.state_file.as_ref().zip(saved);
         let in_file =
@@ -213,12 +213,12 @@ pub fn mend(
     fetch_again()
 }
 
-/// What a disk kept from being checked; `None` if all was read.
+/// What a disk kept from being checked, if anything.
 pub(crate) fn not_read(auditor: &Auditor, report: &ReplayReport) -> Option<Finding> {
     report.unread.clone().or_else(|| auditor.not_read())
 }
 
-/// Why there is no verdict, although no fault is known.
+/// Why there is no verdict without a known fault.
 pub fn unjudged(not_read: &Finding) -> anyhow::Error {
     let place = not_read.index.map(|index| format!("entry {index}: "));
     anyhow!(

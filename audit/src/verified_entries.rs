@@ -1,4 +1,4 @@
-//! A ledger folder's entries, for programs that use them after an audit.
+//! A ledger folder's entries, for use after an audit.
 
 use crate::auditor::Auditor;
 use crate::depth::Depth;

@@ -1,5 +1,4 @@
-//! Audits a log again and again. What was seen once has to stay: the watch raises an alarm when the log forks, stays behind or breaks a
-//! rule.
+//! Audits a log again and again. What was seen has to stay: the watch raises an alarm when the log forks, stays behind or breaks a rule.
 
 use crate::fetch::behind::{LogBehind, Shortfall};
 use crate::fetch::temporary::Temporary;
@@ -23,9 +22,9 @@ use zk0_protocol::Entry;
 pub enum Look {
     /// The log continues what was seen, and nothing new is wrong.
     Continues,
-    /// The log shows fewer entries than were seen before, and has time to come back. Nothing was checked.
+    /// The log shows fewer entries than before, and has time to come back. Nothing was checked.
     Behind(LogBehind),
-    /// The log cannot be trusted, for these reasons. There is at least one.
+    /// The log cannot be trusted, for one or more reasons.
     Alarm(Vec<String>),
 }
 
@@ -65,17 +64,17 @@ pub struct WatchOptions {
     pub state: Option<PathBuf>,
     /// The folder of what is fetched; `None` to remove it at the end.
     pub mirror: Option<PathBuf>,
-    /// How long the log may show fewer entries than were seen before. Then it was rolled back.
+    /// How long the log may show fewer entries than before. Then it was rolled back.
     pub behind_for: Duration,
 }
 
 /// A watch over one log.
 pub struct LogWatch {
     options: WatchOptions,
-    /// The log's mirror; `None` when it is read in place.
+    /// The log's mirror; `None` to read it in place.
     mirror: Option<PathBuf>,
     state: PathBuf,
-    /// The newest log that was verified. The state file may not know it, because it could not be written or somebody has removed it.
+    /// The newest verified log. The state file may lack it: not written, or removed.
     seen: Option<SeenLog>,
     _made: Temporary,
 }
@@ -91,7 +90,7 @@ impl LogWatch {
         }
         let made = Temporary::make().context("making a temporary directory")?;
         let lies_here = folder::database(Path::new(&options.ledger)).exists();
-        // A folder's own checkpoint is not cosigned. With a witness policy, the folder is read as it would be published.
+        // A folder's own checkpoint is not cosigned. With a witness policy, the folder is read as if published.
         let mirror = match lies_here && options.trust.witness_policy.is_none() {
             true if options.mirror.is_some() => {
                 return Err(WrongUsage(format!(
@@ -109,7 +108,7 @@ impl LogWatch {
             ),
         };
         if !lies_here {
-            // A watch waits for a log that does not answer, but not for a folder with a mistyped name.
+            // A watch waits for a log that does not answer, but not for a mistyped folder.
             source(&options.ledger, options.trust.ca.as_deref())?;
         }
         let state = options
@@ -129,7 +128,7 @@ impl LogWatch {
         })
     }
 
-    /// How many entries of the log this watch has verified; `None` before it has verified any.
+    /// How many entries this watch has verified; `None` before the first.
     pub fn entries(&self) -> Option<u64> {
         self.seen.map(|seen| seen.checkpoint.size)
     }
@@ -174,7 +173,7 @@ impl LogWatch {
             progress,
         };
         let audited = match audit.run(&dir) {
-            // What was seen must stay, so another network is an alarm here.
+            // What was seen must stay, so another network is an alarm.
             Err(error) if error.is::<WrongUsage>() => return Ok(alarm(&error)),
             Err(error) => return self.look_of(error, saved.as_ref()),
             Ok(audited) => audited,
@@ -200,7 +199,6 @@ impl LogWatch {
         }
     }
 
-    /// What this error of a look means for the log.
     fn look_of(&self, error: anyhow::Error, saved: Option<&SavedReplay>) -> Result<Look> {
         let saved = saved.map(|saved| (&*self.state, saved));
         let (mirror, behind_for) = (self.mirror.as_deref(), self.options.behind_for);
@@ -212,7 +210,6 @@ impl LogWatch {
         }
     }
 
-    /// Remembers which log was verified.
     fn remember(&mut self, audited: &Audited) {
         if let Some(root) = audited.root.as_deref().and_then(|root| root.parse().ok()) {
             let size = audited.entries;
@@ -223,7 +220,6 @@ impl LogWatch {
         }
     }
 
-    /// Updates the mirror in `dir`.
     fn fetch(&self, dir: &Path) -> Result<()> {
         let Trust {
             network,
@@ -242,7 +238,6 @@ impl LogWatch {
     }
 }
 
-/// One reason not to trust the log.
 fn alarm(why: &impl ToString) -> Look {
     Look::Alarm(vec![why.to_string()])
 }

@@ -1,10 +1,10 @@
-//! Backups: a second copy of a ledger's folder, which can be updated at any time, and restored when the first is lost.
+//! Backups: a second copy of a ledger's folder, to update at any time, and to restore when the first is lost.
 //!
 //! [`crate::published::mirror`] makes all copies. A mirror copies what a log publishes. A backup copies the folder: all entries up to the
-//! newest signed checkpoint, cosigned or not, and also the blobs of the open round. It can be audited, exported, and updated from any other
-//! copy of the log. It holds no key.
+//! newest signed checkpoint, cosigned or not, and the open round's blobs. It can be audited, exported, and updated from any copy of the
+//! log. It holds no key.
 //!
-//! **An old backup is dangerous.** It lacks what the log signed later, and a writer who goes on from it signs a second history. So
+//! **An old backup is dangerous.** It lacks what the log signed later, so a writer who goes on from it signs a second history. So
 //! [`restore`] asks for the newest checkpoints that anybody has.
 
 use crate::blobs::damaged::DamagedBlob;
@@ -76,7 +76,7 @@ fn named(files: &[DamagedBlob]) -> String {
     named.collect::<Vec<_>>().join("; ")
 }
 
-/// A ledger's folder as the source of a copy, with all its entries, public or not.
+/// A ledger's folder as the source of a copy, with all entries, public or not.
 struct WholeLedger {
     text: Vec<u8>,
     pruned: Option<Vec<u8>>,
@@ -91,7 +91,7 @@ impl WholeLedger {
         genesis(&first.ok_or_else(|| LedgerError::NoLedger(dir.into()))?)
     }
 
-    /// Opens the folder at its newest signed checkpoint. A writer may be using it at the same time.
+    /// Opens the folder at its newest signed checkpoint, perhaps beside its writer.
     fn open(dir: &Path) -> Result<Self, MirrorError> {
         let database = folder::database(dir);
         if !database.exists() {
@@ -136,8 +136,8 @@ impl LogSource for WholeLedger {
     }
 }
 
-/// Makes or updates the backup in `out` of the ledger in `dir`, perhaps beside its writer. Every entry, and every new checkpoint and blob,
-/// is verified. A damaged blob is not copied, but named in the result. A backup with more entries, or another history, stays unchanged.
+/// Makes or updates the backup in `out` of the ledger in `dir`, perhaps beside its writer. Verifies every entry, new checkpoint and new
+/// blob. A damaged blob is named in the result, and not copied. A backup with more entries, or another history, stays unchanged.
 pub fn backup(dir: &Path, out: &Path) -> Result<Mirrored, BackupError> {
     backup_with(dir, &Blobs::at(dir), out, OldBlobs::Trusted)
 }
@@ -145,7 +145,7 @@ pub fn backup(dir: &Path, out: &Path) -> Result<Mirrored, BackupError> {
 /// What happens to the backup's old blobs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OldBlobs {
-    /// They are left alone, although the disk may have damaged them.
+    /// They stay, although the disk may have damaged them.
     Trusted,
     /// All are verified, and damaged ones are copied again.
     Checked,
@@ -168,11 +168,10 @@ pub fn backup_with(
 }
 
 /// Makes a ledger's folder in `dir`, which must be missing or empty, from a backup. `known` holds the log's newest checkpoints from nodes,
-/// mirrors, witnesses, or the lost ledger's `checkpoint` file. A backup that lacks entries of a known checkpoint, or has another history,
-/// is refused.
+/// mirrors, witnesses, or the lost ledger's `checkpoint` file. Refuses a backup that lacks their entries, or has another history.
 ///
-/// A backup with damaged blobs is not restored, and the error names them. After that or an interruption, the next call goes on. `dir`
-/// appears only when complete.
+/// Names damaged blobs in an error, and then does not restore. After that or an interruption, the next call goes on. `dir` appears only
+/// when complete.
 pub fn restore(
     backup: &Path,
     dir: &Path,
@@ -209,8 +208,8 @@ pub fn restore(
     Ok(done)
 }
 
-/// Copies from a backup the blobs that the ledger in `dir` lacks, and nothing else. Each blob is verified. The ledger's writer may be using it at
-/// the same time. A blob that is damaged in the backup is not copied, and named in the result.
+/// Copies from a backup the blobs that the ledger in `dir` lacks, perhaps beside its writer. Verifies each. A blob that is damaged in the
+/// backup is named in the result, and not copied.
 pub fn restore_blobs(
     backup: &Path,
     dir: &Path,
@@ -241,7 +240,6 @@ pub fn restore_blobs(
     Ok(done)
 }
 
-/// The temporary folder in which a ledger is put together.
 fn unfinished(dir: &Path) -> PathBuf {
     let mut name = OsString::from(dir);
     name.push(".restoring");
@@ -255,7 +253,7 @@ fn copy(
     old: OldBlobs,
     network: Option<&Digest>,
 ) -> Result<Mirrored, BackupError> {
-    // Read before the log, which then holds everything that was cosigned.
+    // Read before the log, which then holds all that was cosigned.
     let (policy, cosigned) = (folder::read_policy(dir)?, folder::read_cosigned(dir)?);
     let whole = WholeLedger::open(dir)?;
     let source = BlobSource::Own {

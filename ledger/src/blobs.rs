@@ -38,10 +38,10 @@ use zk0_protocol::blob::Blob;
 
 pub use self::error::BlobError;
 
-/// How often a blob is read from the store to open it.
+/// How often a blob is read from the store before it opens.
 const TRIES: usize = 3;
 
-/// The blobs of one ledger folder: `blobs/sha256/<digest>`, unfinished ones in `blobs/unfinished/`, and partly received ones in
+/// The blobs of one ledger folder: `blobs/sha256/<digest>`, unfinished ones in `blobs/unfinished/`, partly received ones in
 /// `blobs/partial/<digest>`. With a store ([`Blobs::in_store`]), the folder is its cache.
 #[derive(Clone, Debug)]
 pub struct Blobs {
@@ -71,7 +71,7 @@ impl Blobs {
         self.folder().join(digest.to_string())
     }
 
-    /// Whether a blob exists, here or in the store. Neither reads it nor waits for the store.
+    /// Whether a blob exists, here or in the store. Does not wait for the store.
     pub fn contains(&self, digest: &Digest) -> bool {
         self.is_here(digest) || self.kept.as_ref().is_some_and(|kept| kept.knows(digest))
     }
@@ -81,7 +81,7 @@ impl Blobs {
         self.path(digest).is_file()
     }
 
-    /// A blob's size in bytes, here or in the store. Neither reads it nor waits for the store.
+    /// A blob's size in bytes, here or in the store. Does not wait for the store.
     pub fn size(&self, digest: &Digest) -> Option<u64> {
         let here = fs::metadata(self.path(digest)).ok();
         let here = here.filter(fs::Metadata::is_file).map(|here| here.len());
@@ -104,7 +104,6 @@ impl Blobs {
         Ok(all.into_iter().collect())
     }
 
-    /// The complete blobs in the folder, with sizes in bytes.
     fn all_here(&self) -> Result<Vec<(Digest, u64)>, BlobError> {
         let folder = self.folder();
         let found = match fs::read_dir(&folder) {
@@ -128,7 +127,7 @@ impl Blobs {
         self.dir.join("sha256")
     }
 
-    /// A blob's file, first read from the store if it is not here. Its bytes are not checked.
+    /// A blob's file, first read from the store if it is not here. Unchecked.
     pub fn file(&self, digest: &Digest) -> Result<File, BlobError> {
         Ok(self.open(digest)?.1)
     }
@@ -137,7 +136,7 @@ impl Blobs {
         let mut tries = 0;
         loop {
             match self.open_here(digest) {
-                // A small cache may remove a blob again before it is opened.
+                // A small cache may remove a blob before it is opened.
                 Err(BlobError::Missing(_)) if self.kept.is_some() && tries < TRIES => {
                     self.fetch(digest)?;
                     tries += 1;
@@ -156,7 +155,7 @@ impl Blobs {
             Err(error) => Err(io_error(&path)(error)),
             Ok(file) => {
                 if self.kept.is_some() {
-                    // A cache removes the least recently read blob first. If the time cannot be set, it removes this one sooner.
+                    // A cache removes the least recently read blob first. Without this time, it removes this one sooner.
                     let _ = file.set_modified(SystemTime::now());
                 }
                 Ok((path, file))
@@ -168,7 +167,6 @@ impl Blobs {
         self.unfinished(unfinished::create)
     }
 
-    /// Runs `make` in the folder of unfinished files.
     fn unfinished(
         &self,
         make: impl FnOnce(&Path) -> Result<(PathBuf, File), BlobError>,
@@ -184,7 +182,6 @@ impl Blobs {
         })
     }
 
-    /// Makes the folder `of_files`, and that of the blobs.
     fn make_folders(&self, of_files: &Path) -> Result<(), BlobError> {
         for folder in [of_files, &self.folder()] {
             create_folder(folder).map_err(io_error(folder))?;
@@ -202,7 +199,7 @@ impl Blobs {
         })
     }
 
-    /// Stores a blob, unless it is there, durably: on disk, and in the store if there is one.
+    /// Stores a blob durably, unless it is there: on disk, and in the store if there is one.
     pub fn put<'a>(&self, blob: impl Into<Blob<'a>>) -> Result<Digest, BlobError> {
         let blob = blob.into();
         let digest = blob.digest();
@@ -215,7 +212,7 @@ impl Blobs {
     }
 
     /// Takes over a blob of another folder, unless it is here: both folders then name one file, or a copy if the file system cannot do
-    /// that. Its digest is verified, and it is on disk, and in the store if there is one, when this returns.
+    /// that. Verifies its digest. It is then on disk, and in the store if there is one.
     pub fn link(&self, other: &Self, digest: &Digest) -> Result<(), BlobError> {
         if self.keeps(digest)? {
             return Ok(());
@@ -244,18 +241,18 @@ impl Blobs {
         Ok(bytes)
     }
 
-    /// Fills `buffer` with a blob's bytes from `place` on, **unchecked**, for readers that recognise the bytes themselves.
+    /// Fills `buffer` with a blob's bytes from `place` on, **unchecked**, for readers that recognise the bytes.
     pub fn read_at(&self, digest: &Digest, place: u64, buffer: &mut [u8]) -> Result<(), BlobError> {
         let (path, file) = self.open(digest)?;
         file.read_exact_at(buffer, place).map_err(io_error(&path))
     }
 
-    /// Verifies the digest of a blob of any size, without holding it in memory.
+    /// Verifies the digest of a blob of any size.
     pub fn check(&self, digest: &Digest) -> Result<(), BlobError> {
         check_file(digest, self.open(digest)?)
     }
 
-    /// Whether the folder has a blob, unchanged. It is then also in the store, if there is one.
+    /// Whether the folder has a blob, unchanged. It is then also in the store, if any.
     pub fn keeps(&self, digest: &Digest) -> Result<bool, BlobError> {
         let here = self.open_here(digest);
         if here.and_then(|file| check_file(digest, file)).is_err() {
@@ -308,7 +305,7 @@ impl BlobWriter {
         self.size
     }
 
-    /// Stores the blob if its digest is `expected`, on disk, and in the store if there is one.
+    /// Stores the blob if its digest is `expected`, on disk, and in the store if any.
     pub fn finish(self, expected: &Digest) -> Result<(), BlobError> {
         check(expected, self.hasher.finalize().into())?;
         self.unfinished.finish(expected)
@@ -340,7 +337,7 @@ impl UnfinishedBlob {
         self.file.write_all(bytes).map_err(io_error(&self.path))
     }
 
-    /// Puts it into the store, if any, and then names it after its digest. So what has a name in the folder is in the store.
+    /// Puts it into the store, if any, and then names it after its digest. So whatever has a name in the folder is in the store.
     fn finish(&self, digest: &Digest) -> Result<(), BlobError> {
         if let Some(kept) = &self.blobs.kept {
             kept.put(digest, &self.path)?;
@@ -351,7 +348,7 @@ impl UnfinishedBlob {
     fn finish_here(&self, digest: &Digest) -> Result<(), BlobError> {
         let place = self.blobs.path(digest);
         put_in_place(&self.file, &self.path, &place).map_err(io_error(&place))?;
-        // The first blob's folders are new too. Without their names, the blob would be lost.
+        // The first blob's folders are new too. Without their names, it would be lost.
         for folder in [folder_of(&self.blobs.folder()), folder_of(&self.blobs.dir)] {
             sync_folder(folder).map_err(io_error(folder))?;
         }
@@ -362,7 +359,7 @@ impl UnfinishedBlob {
 impl Drop for UnfinishedBlob {
     fn drop(&mut self) {
         if !self.kept {
-            // After a finish the file has another path, and this removes nothing.
+            // After a finish, the file has another path.
             let _ = fs::remove_file(&self.path);
         }
     }

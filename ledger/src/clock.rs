@@ -1,8 +1,8 @@
-//! Whether the writer's clock is right. Deadlines and votes end by the times of entries, which never go back: one entry with a time in the
-//! far future would end all of them for good. So a writer compares its clock with one that cannot be set.
+//! Whether the writer's clock is right. Deadlines and votes end by the times of entries, which never go back: one entry from the far future
+//! would end all of them for good. So a writer compares its clock with one that cannot be set.
 //!
 //! A clock that jumps back is noticed, too: no deadline would pass meanwhile. After a small step back, an entry gets its predecessor's
-//! time. A clock that was ahead before the ledger was opened is not noticed.
+//! time. A clock that was ahead before the ledger opened is not noticed.
 
 use std::fmt;
 use std::sync::{Mutex, PoisonError};
@@ -64,8 +64,8 @@ impl fmt::Debug for ClockWatch {
 }
 
 impl ClockWatch {
-    /// Begins now, with the clock at `clock_ms` and the last entry's time `last_ms`, in Unix milliseconds. `read` reads the second clock:
-    /// the time since some past moment, such as Linux' `CLOCK_BOOTTIME`, which also runs while a machine sleeps.
+    /// Begins with the clock at `clock_ms` and the last entry at `last_ms`, in Unix milliseconds. `read` reads the second clock: the time
+    /// since some past moment, such as Linux' `CLOCK_BOOTTIME`, which also runs while a machine sleeps.
     pub fn begin(
         clock_ms: u64,
         last_ms: u64,
@@ -86,7 +86,7 @@ impl ClockWatch {
 
     /// Checks that the clock, at `clock_ms` now, is neither ahead nor behind.
     pub fn check_now(&self, clock_ms: u64) -> Result<(), ClockError> {
-        // The lock also covers the second clock's reading, so that no thread goes back to an older one.
+        // The lock covers this reading, too, so that no thread goes back to an older one.
         let mut right = self.right.lock().unwrap_or_else(PoisonError::into_inner);
         let steady = (self.read)();
         let expected_ms = right.expected(steady);
@@ -111,7 +111,7 @@ impl ClockWatch {
 }
 
 impl Right {
-    /// What the clock should show when the second one shows `steady`.
+    /// What the clock should show at `steady` on the second one.
     fn expected(&self, steady: Duration) -> u64 {
         let passed = steady.saturating_sub(self.steady);
         let passed = u64::try_from(passed.as_millis()).unwrap_or(u64::MAX);

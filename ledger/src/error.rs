@@ -73,7 +73,7 @@ pub enum LedgerError {
     /// The operator's statement covers blobs that only later entries named.
     #[error("ROLLED BACK: the log's operator has signed a statement about pruned blobs and {signed} entries, but there are {held}")]
     PrunedMore { signed: u64, held: u64 },
-    /// The store of the blobs has another group of entries where this ledger goes on.
+    /// The store of the blobs has other entries where this ledger goes on.
     #[error("the blob store {address} holds another entry {index} than this ledger, so another aggregator writes the same log. Stop one of the two. To go on here, start again with the same command, which takes the entries from the store; if it ends like this once more, move the ledger's folder away first")]
     OtherEntries { address: String, index: u64 },
     /// There is no ledger, neither in the folder nor in the store.
@@ -85,10 +85,10 @@ pub enum LedgerError {
     /// The log in the store has another key.
     #[error("the blob store {address} holds the log of network {network}, and the signing key is not its log key: name the right key or store")]
     EntriesOfOther { address: String, network: Digest },
-    /// The store lacks entries before others.
+    /// The store lacks entries before later ones.
     #[error("the blob store {address} lacks the object `{object}`, and has entries that come later: put the object back. Nothing was changed there")]
     MissingEntries { address: String, object: String },
-    /// An object in the store does not hold entries that continue the log.
+    /// An object in the store does not continue the log.
     #[error("the object `{object}` in the blob store {address} does not continue the log: {why}. If it is damaged, put the right one back. Otherwise another aggregator writes the same log: stop one of the two. Nothing was changed there")]
     BadEntries {
         address: String,
@@ -108,7 +108,7 @@ pub enum LedgerError {
     /// A stored entry is invalid at its place.
     #[error("entry {index}: {why}")]
     BadEntry { index: u64, why: String },
-    /// A write failed. What is on disk is unknown until the ledger is opened again.
+    /// A write failed. What is on disk is unknown until the next opening.
     #[error("an earlier write to the ledger failed, so nothing more is written: see to the disk, and start again")]
     Poisoned,
     /// The log has no such entry.
@@ -141,7 +141,6 @@ pub struct DatabaseError {
     text: String,
 }
 
-/// The kind of a database's failure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum DatabaseFailure {
     /// Disk or file system.
@@ -173,7 +172,7 @@ impl fmt::Display for DatabaseError {
 impl std::error::Error for DatabaseError {}
 
 impl LedgerError {
-    /// Whether the entries in the store of the blobs are not those of this ledger. A start again cannot help.
+    /// Whether the entries in the store are not this ledger's. A start again cannot help.
     pub fn is_of_stored_entries(&self) -> bool {
         matches!(
             self,

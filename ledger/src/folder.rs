@@ -1,5 +1,5 @@
-//! A ledger's folder and its small files: the newest signed checkpoint; the witness policy and the newest cosigned checkpoint, if any; and
-//! the statement about pruned blobs, if any.
+//! A ledger's folder and its small files: the newest signed checkpoint, and, if any, the witness policy, the newest cosigned checkpoint,
+//! and the statement about pruned blobs.
 
 use crate::error::{io_error, LedgerError};
 use std::path::{Path, PathBuf};
@@ -35,18 +35,18 @@ pub fn pruned(dir: &Path) -> PathBuf {
     dir.join("pruned")
 }
 
-/// The path of the file in which a running aggregator notes the time.
+/// The path of the file with the time until when an aggregator ran.
 pub fn alive(dir: &Path) -> PathBuf {
     dir.join("alive")
 }
 
-/// Until when an aggregator ran, in Unix milliseconds, if that is known.
+/// Until when an aggregator ran, in Unix milliseconds, if known.
 pub fn read_alive(dir: &Path) -> Option<u64> {
     let text = read(&alive(dir), 20).ok()??;
     std::str::from_utf8(&text).ok()?.parse().ok()
 }
 
-/// Notes that an aggregator runs at `now_ms`, in Unix milliseconds. A file that is lost or torn costs nothing but this.
+/// Records that an aggregator runs at `now_ms`, in Unix milliseconds. The file may get lost or torn.
 pub fn write_alive(dir: &Path, now_ms: u64) -> io::Result<()> {
     fs::write(alive(dir), now_ms.to_string())
 }
@@ -97,7 +97,7 @@ pub fn write_cosigned(dir: &Path, text: &[u8]) -> Result<(), LedgerError> {
     replace(&cosigned(dir), text)
 }
 
-/// Removes the policy, then the cosigned checkpoint, which is not read without a policy. Durable.
+/// Removes the policy, then the cosigned checkpoint, which counts only with a policy. Durable.
 pub(crate) fn remove_policy(dir: &Path) -> Result<(), LedgerError> {
     for path in [policy(dir), cosigned(dir)] {
         match fs::remove_file(&path) {
@@ -113,7 +113,7 @@ pub(crate) fn write_checkpoint(dir: &Path, text: &[u8]) -> Result<(), LedgerErro
     replace(&checkpoint(dir), text)
 }
 
-/// A small file's content, if it exists. Reads up to `limit` + 1 bytes, so that the caller notices a longer file.
+/// A small file's content, if it exists. Reads up to `limit` + 1 bytes, to show a longer file.
 fn read(path: &Path, limit: usize) -> Result<Option<Vec<u8>>, LedgerError> {
     bounded_file::start_if_there(path, limit as u64 + 1).map_err(io_error(path))
 }

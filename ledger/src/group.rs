@@ -1,7 +1,7 @@
 //! Groups: entries committed with one write to disk, under one signed checkpoint.
 //!
 //! So a log has checkpoints of some sizes only. A reader requires one after the last entry, because nothing else vouches for it, and after
-//! an entry whose tree determines something ([`needs_checkpoint`]), because what follows from an unsigned root cannot be verified.
+//! an entry whose tree determines something ([`needs_checkpoint`]), because an unsigned root proves nothing.
 
 use crate::error::LedgerError;
 use crate::store::StoreBatch;
@@ -16,7 +16,7 @@ use zk0_protocol::rules::violation::RuleViolation;
 use zk0_protocol::tlog::checkpoint::Checkpoint;
 use zk0_protocol::tlog::tree::Frontier;
 
-/// Stands for the root after an entry without a checkpoint. Nothing follows from it, and computing it would double the tree's cost.
+/// The root after an entry without a checkpoint. Nothing follows from it, and computing it would double the tree's cost.
 pub(crate) const UNUSED_ROOT: Digest = Digest([0; 32]);
 
 /// An entry to be recorded.
@@ -28,11 +28,10 @@ pub struct WantedEntry {
     pub body: AuthenticBody,
 }
 
-/// A group ready to be written.
 pub(crate) struct Group {
     pub batch: StoreBatch,
     pub tree: Frontier,
-    /// For each entry the root after it, or why the rules refuse it. Roots are true only where something follows from the tree.
+    /// For each entry the root after it, or why the rules refuse it. Roots are true only where something follows from them.
     pub outcomes: Vec<Result<Digest, RuleViolation>>,
     pub checkpoint: Vec<u8>,
 }
@@ -105,8 +104,7 @@ fn encode_all(entries: &[DatedBody]) -> Vec<Result<Alone<'_>, RuleViolation>> {
     }
 }
 
-/// The state that checks a group: for a single entry the ledger's own, and for several a copy that takes them, while the ledger's state
-/// stays as it is on disk.
+/// The state that checks a group: for a single entry the ledger's own; for several a copy, while the ledger's state stays as it is on disk.
 pub(crate) enum TrialState<'a> {
     Single(&'a State),
     Copy(Box<State>),

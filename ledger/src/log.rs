@@ -1,5 +1,5 @@
-//! The append-only log. It takes entries and gives receipts. An entry is on disk before it is acknowledged, and the log never has two
-//! histories. Entries are committed in groups ([`crate::group`]), each at once or not at all.
+//! The append-only log. It takes entries and gives receipts. An entry is on disk before it is acknowledged. The log never has two
+//! histories. Entries are committed in groups ([`crate::group`]), each whole or not at all.
 //!
 //! A ledger's folder:
 //!
@@ -41,10 +41,10 @@ use zk0_protocol::tlog::checkpoint::Checkpoint;
 use zk0_protocol::tlog::receipt::Receipt;
 use zk0_protocol::tlog::tree::Frontier;
 
-/// The first wait for a store that does not take a group of entries, and the longest. Each wait is twice the one before.
+/// The first and the longest wait for a store that does not take a group of entries. Each wait doubles the one before.
 const STORE_WAITS: [Duration; 2] = [Duration::from_secs(1), Duration::from_secs(30)];
 
-/// Is told why the store does not take a group of entries, and `None` when it has taken it.
+/// Takes why the store does not take a group of entries, and `None` when it has taken it.
 type StoreWatch = Box<dyn Fn(Option<&StoreError>) + Send + Sync>;
 
 /// A ledger open for writing, by one process at a time.
@@ -55,13 +55,13 @@ pub struct Ledger {
     key: SigningKey,
     tree: Frontier,
     state: State,
-    /// A copy of the state to try groups on, made with the first.
+    /// A copy of the state to try groups on.
     trial: Option<Box<State>>,
     checkpoint: Vec<u8>,
     clock: Option<Arc<ClockWatch>>,
     store_watch: Option<StoreWatch>,
     poisoned: bool,
-    /// The entry in whose place the store has another one, if that was found.
+    /// An entry in whose place the store has another one.
     fenced: Option<u64>,
 }
 
@@ -123,7 +123,7 @@ impl Ledger {
     }
 
     /// Opens the ledger in `dir` for writing. Verifies the whole history: entries by the rules, tree hashes, and the root by the signed
-    /// checkpoint file. With `network`, the ledger must be of that network.
+    /// checkpoint file. `network` is the network that it must be of.
     pub fn open(
         dir: &Path,
         network: Option<&Digest>,
@@ -132,9 +132,9 @@ impl Ledger {
         Self::open_with(dir, network, key, Blobs::at(dir), &mut ())
     }
 
-    /// [`Ledger::open`], with blobs perhaps kept in a store. Blobs that are only in the folder are put there, and entries, too. Entries that are
-    /// only in the store are taken from there, all of them if the folder has no ledger. `fold` takes each verified entry, so that the history
-    /// is read once.
+    /// [`Ledger::open`], with blobs perhaps kept in a store. Puts blobs and entries there that are only in the folder. Takes entries from
+    /// there that are only in the store, all of them if the folder has no ledger. `fold` takes each verified entry, so that the history is
+    /// read once.
     pub fn open_with(
         dir: &Path,
         network: Option<&Digest>,
@@ -152,7 +152,7 @@ impl Ledger {
         if !path.exists() {
             return Err(LedgerError::NoLedger(dir.into()));
         }
-        // No writes at first: RocksDB's own recovery would make a loss permanent.
+        // No writes at first: RocksDB's recovery would make a loss permanent.
         let mut published = folder::read_checkpoint(dir)?;
         let mut history = continuing::verify(
             &Store::open_read_only(&path)?,
@@ -187,7 +187,7 @@ impl Ledger {
             }
         }
         let (state, tree, checkpoint) = history.into_parts();
-        // The writer was killed between committing an entry and publishing the checkpoint.
+        // The writer was killed between a commit and the checkpoint's publication.
         if published.as_deref() != Some(&checkpoint) {
             folder::write_checkpoint(dir, &checkpoint)?;
         }
@@ -209,8 +209,8 @@ impl Ledger {
         })
     }
 
-    /// Appends an entry if the rules allow it. When this returns, it is on disk with its checkpoint, and the receipt may be handed out. Its
-    /// time is `time_ms`, or that of the entry before it if the clock went back.
+    /// Appends an entry if the rules allow it. It is then on disk with its checkpoint, and the receipt may be handed out. Its time is
+    /// `time_ms`, or that of the entry before it if the clock went back.
     pub fn append(&mut self, time_ms: u64, body: Body) -> Result<Receipt, LedgerError> {
         let body = AuthenticBody::of(body)?;
         match self.commit(vec![WantedEntry { time_ms, body }])?.pop() {
@@ -220,8 +220,8 @@ impl Ledger {
     }
 
     /// Appends entries as one group: one write to disk, and a checkpoint at the end and after each entry from whose tree something follows.
-    /// Leaves out entries that the rules refuse after those before them; all others are on disk when this returns. Returns each entry's
-    /// index, or why it is refused. [`LedgerReader::first_receipt`] gives the receipts.
+    /// Leaves out entries that the rules refuse after those before them. All others are then on disk. Returns each entry's index, or why it
+    /// is refused. [`LedgerReader::first_receipt`] gives the receipts.
     ///
     /// The time is proportional to the group's size. The first group of several entries also copies the state.
     ///
@@ -280,8 +280,8 @@ impl Ledger {
         Ok(outcomes)
     }
 
-    /// From now on, refuses entries if the clock has moved further than time has passed ([`crate::clock`]). `clock_ms` is its time now.
-    /// Fails at once if that is far before the last entry. `steady` reads a clock that cannot be set.
+    /// From now on, refuses entries if the clock has moved further than time has passed ([`crate::clock`]). `clock_ms` is its time now, and
+    /// must not be far before the last entry. `steady` reads a clock that cannot be set.
     pub fn watch_clock(
         &mut self,
         clock_ms: u64,
@@ -308,7 +308,7 @@ impl Ledger {
         Ok(())
     }
 
-    /// Puts a group into the store of the entries, if there is one. Waits while the store does not answer, because it may have the group.
+    /// Puts a group into the store of the entries, if any. Waits while the store does not answer, because it may have the group.
     fn store_group(&mut self, first: u64, batch: &StoreBatch) -> Result<(), LedgerError> {
         let Some(entries) = self.blobs.entry_store() else {
             return Ok(());
@@ -347,7 +347,7 @@ impl Ledger {
     /// Whether entries can be recorded.
     ///
     /// # Errors
-    /// A write has failed, or another aggregator writes this log. Nothing is written until the ledger is opened again.
+    /// A write has failed, or another aggregator writes this log. Nothing is written until the next opening.
     pub fn check_writable(&self) -> Result<(), LedgerError> {
         match self.fenced {
             Some(index) => Err(LedgerError::OtherEntries {
@@ -359,7 +359,6 @@ impl Ledger {
         }
     }
 
-    /// Signs an operator's statement with the log's key.
     pub(crate) fn sign<T: SignableStatement>(&self, statement: T) -> Signed<T> {
         Signed::new(statement, &self.key)
     }

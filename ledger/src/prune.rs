@@ -1,9 +1,9 @@
-//! Frees disk: deletes blobs that no audit of the chosen depth needs, and neither the next round nor an open vote or dispute.
+//! Frees disk: deletes blobs that neither an audit of the chosen depth, nor the next round, nor an open vote or dispute needs.
 //!
-//! A [`PrunePlan`] lists them. Before the first blob that an audit could have used is deleted, the log's operator signs that it is no
-//! longer kept ([`crate::pruned`]). So a killed process leaves only blobs that the statement already excuses, and the next one goes on.
+//! A [`PrunePlan`] lists them. Before a blob that an audit could have used is deleted, the log's operator signs that it is no longer kept
+//! ([`crate::pruned`]). So a killed process leaves only blobs that the statement excuses, and the next one goes on.
 //!
-//! `zk0 ledger prune` carries a plan out at once. A running aggregator makes it of a [`PrunableLedger`], and carries it out in parts.
+//! `zk0 ledger prune` carries a plan out at once. A running aggregator plans with a [`PrunableLedger`], and carries out in parts.
 //!
 //! - [`needed`]: which blobs are needed, and for what the others were there.
 
@@ -33,19 +33,19 @@ use zk0_protocol::Signed;
 
 pub use needed::Reason;
 
-/// More files that no entry names are not deleted unless somebody asks for it: they may be another network's.
+/// If more files than this have no entry that names them, only a request deletes them: they may be another network's.
 pub const MOST_UNNAMED: usize = 10;
 
 /// What is to be kept.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Retention {
-    /// Keep what an audit needs of the last so many closed rounds, and delete older updates. `None` for all rounds.
+    /// Keep what an audit needs of the last so many closed rounds; `None` for all.
     pub rounds: Option<u64>,
-    /// Delete the proofs of older rounds, too, which a light audit could still check.
+    /// Also delete the proofs of older rounds, which a light audit could still check.
     pub without_proofs: bool,
-    /// Delete the global weights of older rounds, too.
+    /// Also delete the global weights of older rounds.
     pub without_weights: bool,
-    /// The aggregator writes a policy folder after so many rounds. The weights of the last one that was due are kept.
+    /// The aggregator writes a policy folder after so many rounds. The weights of the last one due are kept.
     pub checkpoint_interval: Option<u64>,
 }
 
@@ -78,19 +78,19 @@ pub struct PrunePlan {
     pub entries: u64,
     /// How many rounds have closed.
     pub closed: u64,
-    /// The first round that is not older than those that are kept.
+    /// The first round that is kept.
     pub first_kept: u64,
     /// Why more is kept than was asked for, if so.
     pub longer: Option<Longer>,
     /// What is to be deleted, sorted by reason.
     pub doomed: Vec<Doomed>,
-    /// How many blobs stay, and how many bytes they have.
+    /// How many blobs stay, and their bytes.
     pub kept: (usize, u64),
     /// What the log's operator has to sign first, if not signed already.
     pub statement: Option<Pruning>,
 }
 
-/// A plan, with its statement signed. As long as this is there, no other process writes to the ledger.
+/// A plan with a signed statement. While it exists, no other process writes to the ledger.
 pub struct SignedPlan {
     dir: PathBuf,
     blobs: Blobs,
@@ -99,7 +99,7 @@ pub struct SignedPlan {
     _opened: LedgerReader,
 }
 
-/// A ledger as it was when a plan was asked for. Its writer may go on meanwhile.
+/// A ledger as it was when a plan was asked for. Its writer may go on.
 pub struct PrunableLedger {
     dir: PathBuf,
     blobs: Blobs,
@@ -164,14 +164,14 @@ impl PrunePlan {
         self.doomed.iter().map(|blob| blob.size).sum()
     }
 
-    /// How many files that no entry names are to be deleted, and how many bytes they have.
+    /// How many files that no entry names are to be deleted, and their bytes.
     pub fn unnamed(&self) -> (usize, u64) {
         let unnamed = self.doomed.iter();
         let unnamed = unnamed.filter(|blob| blob.reason == Reason::Unnamed);
         unnamed.fold((0, 0), |(count, size), blob| (count + 1, size + blob.size))
     }
 
-    /// Leaves out the files that no entry names: a writer that goes on may be about to name them.
+    /// Leaves out the files that no entry names, for a writer that goes on and may name them.
     #[must_use]
     pub fn beside_writer(mut self) -> Self {
         self.doomed.retain(|blob| blob.reason != Reason::Unnamed);
@@ -195,7 +195,7 @@ impl PrunePlan {
         Ok(())
     }
 
-    /// Takes at most so many blobs out of the plan, and the statement, which the first part has.
+    /// Takes at most so many blobs out of the plan, and the statement with the first part.
     #[must_use]
     pub fn part(&mut self, most: usize) -> Self {
         let stay = self.doomed.len().saturating_sub(most);
@@ -217,8 +217,7 @@ impl PrunePlan {
         }
     }
 
-    /// Signs what will no longer be kept, and deletes the blobs. `ledger` is the one that the plan is of, and has been open since: so nobody
-    /// else writes to it.
+    /// Signs what will no longer be kept, and deletes the blobs. `ledger` is the plan's, open since then: so no other process writes to it.
     ///
     /// # Errors
     /// Those of [`SignedPlan::carry_out`].
@@ -228,11 +227,10 @@ impl PrunePlan {
 }
 
 impl SignedPlan {
-    /// Writes the statement, deletes the blobs, and returns how much they were.
+    /// Writes the statement, deletes the blobs, and returns their amount.
     ///
     /// # Errors
-    /// The file system or the store of the blobs fails. The statement is on disk, unless writing it has failed, and some of the blobs may be
-    /// deleted.
+    /// The file system or the store of the blobs fails. The statement is on disk, unless writing it has failed. Some blobs may be deleted.
     pub fn carry_out(self) -> Result<Amount, LedgerError> {
         if let Some(statement) = &self.statement {
             pruned::write(&self.dir, statement)?;
@@ -252,7 +250,7 @@ impl SignedPlan {
 }
 
 impl PrunableLedger {
-    /// `ledger` as it is now, of whose entries the first `published` are published.
+    /// `ledger` as it is now. The first `published` entries are published.
     pub fn of(ledger: &Ledger, published: u64) -> Self {
         Self {
             dir: ledger.dir().into(),
@@ -337,7 +335,7 @@ impl PrunableLedger {
         Ok(Some(wanted).filter(|wanted| before.as_ref() != Some(wanted)))
     }
 
-    /// The first round of which everything is needed, however little is to be kept, and why.
+    /// The first round of which everything is needed, whatever is to be kept, and why.
     fn first_needed(&self, now_ms: u64) -> Result<(u64, Longer), LedgerError> {
         let cosigned = self.closed_within(self.published, u64::MAX)?;
         let cosigned = cosigned.map_or(0, |(round, _)| round + 1);
@@ -381,7 +379,7 @@ fn published(dir: &Path, keep: &Retention) -> Result<u64, PublicationError> {
     }
 }
 
-/// The first round that the open round's or the next round's control variates follow from, by SCAFFOLD.
+/// The first round from which the control variates of the open or the next round follow, by SCAFFOLD.
 fn corrected(state: &State) -> Option<u64> {
     let open = state.round().map(|open| open.number());
     match &state.rules().strategy {
@@ -390,7 +388,7 @@ fn corrected(state: &State) -> Option<u64> {
     }
 }
 
-/// The oldest round with a contribution that may still be disputed at `now_ms`, or whose dispute is undecided.
+/// The oldest round with a contribution that may be disputed at `now_ms`, or whose dispute is undecided.
 fn disputable(state: &State, now_ms: u64) -> Option<u64> {
     let now_ms = now_ms.max(state.time_ms());
     let open = |entry: &u64| {

@@ -1,5 +1,5 @@
 //! The log on disk: a database of entries, their tree's hashes, and a signed checkpoint where a group ended ([`crate::group`]). It is
-//! RocksDB's, or plain files from a build without RocksDB.
+//! RocksDB's, or plain files from a build without it.
 
 mod engine;
 mod on_files;
@@ -41,7 +41,7 @@ impl StoreBatch {
         self.put(DatabaseKey::Checkpoint(size), text);
     }
 
-    /// The keys and values, in the order in which they were added.
+    /// The keys and values, in order of addition.
     pub(crate) fn items(&self) -> &[(DatabaseKey, Vec<u8>)] {
         &self.0
     }
@@ -70,7 +70,7 @@ impl Store {
     /// Opens a snapshot for reading, even beside a writer or on a read-only disk.
     pub fn open_read_only(path: &Path) -> Result<Self, LedgerError> {
         if !path.exists() {
-            // RocksDB would make the folder, which would seem to hold a database, and then fail.
+            // RocksDB would make the folder, as if it held a database, and then fail.
             return Err(LedgerError::NoLedger(path.into()));
         }
         #[cfg(feature = "rocksdb")]
@@ -157,12 +157,11 @@ impl HashReader for Store {
     }
 }
 
-/// Whether a folder has a RocksDB database. It makes this file last.
+/// Whether a folder has a RocksDB database, which makes this file last.
 fn is_rocksdb(path: &Path) -> bool {
     path.join("CURRENT").exists()
 }
 
-/// Refuses RocksDB, which a build that has it would have opened.
 fn refuse_rocksdb(path: &Path) -> Result<(), LedgerError> {
     if is_rocksdb(path) {
         Err(LedgerError::NeedsRocksDb(path.into()))

@@ -6,8 +6,7 @@
 //! 3. It is written to disk.
 //! 4. What depends on it leaves: receipts, checkpoints, answers.
 //!
-//! A writer that is killed after step 2 leaves a group in the store alone. It was never acknowledged, and the next start takes it
-//! ([`reconcile`]).
+//! A writer killed after step 2 leaves a group only in the store. It was never acknowledged. The next start takes it ([`reconcile`]).
 
 use crate::blobs::entry_objects::{group_name, EntryStore, FOLDER};
 use crate::blobs::error::BlobError;
@@ -26,16 +25,15 @@ use zk0_protocol::rules::state::State;
 use zk0_protocol::tlog::checkpoint::Checkpoint;
 use zk0_protocol::tlog::tree::Frontier;
 
-/// The version of the encoding.
 const VERSION: u8 = 1;
 
-/// A group that is made of entries on disk ends at the first checkpoint after so many.
+/// A group made of entries on disk ends at the first checkpoint after so many.
 const LARGE_GROUP: usize = 1024;
 
-/// It also ends at the first checkpoint after so many bytes.
+/// It also ends at the first one after so many bytes.
 const LARGE_GROUP_BYTES: usize = 8 << 20;
 
-/// The store is asked for the groups of so many entries before the last one on disk. If it has none of these, it is asked for all.
+/// The store is asked for the groups of so many entries before the last one on disk. If it has none of these, for all.
 const RECENT: u64 = 4096;
 
 /// How many groups are read at once.
@@ -95,7 +93,7 @@ pub(crate) fn encode_batch(batch: &StoreBatch) -> Vec<u8> {
 /// Another group is there ([`LedgerError::OtherEntries`]), or the store does not answer.
 pub(crate) fn put(store: &dyn EntryStore, first: u64, group: &[u8]) -> Result<(), LedgerError> {
     let created = store.create_group(first, group).map_err(BlobError::from)?;
-    // An earlier try may have come through, although its answer did not.
+    // An earlier try may have come through without an answer.
     let is_there = created || get(store, first)?.as_deref() == Some(group);
     if is_there {
         Ok(())
@@ -104,8 +102,8 @@ pub(crate) fn put(store: &dyn EntryStore, first: u64, group: &[u8]) -> Result<()
     }
 }
 
-/// Founds the ledger in `dir`, which has none, from the first entry in the store, whose log has this key. The entries after it come when the
-/// ledger is opened.
+/// Founds the ledger in `dir`, which has none, from the first entry in the store, whose log has this key. The next opening takes the
+/// entries after it.
 pub(crate) fn found(
     dir: &Path,
     log_key: &[u8; 32],
@@ -155,8 +153,8 @@ pub(crate) fn found(
     folder::write_checkpoint(dir, &text)
 }
 
-/// Brings the database in `dir` and the store to the same entries: takes those that the store has more, or puts those there that it lacks. What
-/// the database has is verified. Returns whether it has new entries, which are verified by their checkpoints, and not by the rules.
+/// Brings the database in `dir` and the store to the same entries: takes those that the store has more, or puts there those that it lacks.
+/// The database's are verified. Returns whether it has new entries, verified by their checkpoints, not by the rules.
 pub(crate) fn reconcile(
     dir: &Path,
     database: &Store,
@@ -180,18 +178,17 @@ pub(crate) fn reconcile(
     Ok(stored > held)
 }
 
-/// Checks that the store refuses to create what it has, because that fences aggregators off from each other. Not every service that speaks
-/// S3 knows `If-None-Match`.
+/// Checks that the store refuses to create what it has: that fences aggregators off from each other. Not every service that speaks S3 knows
+/// `If-None-Match`.
 fn check_fence(store: &dyn EntryStore) -> Result<(), LedgerError> {
     let first = get(store, 0)?.ok_or_else(|| missing(store, 0))?;
-    let overwrites = store.create_group(0, &first).map_err(BlobError::from)?;
-    if overwrites {
+    if store.create_group(0, &first).map_err(BlobError::from)? {
         return Err(LedgerError::NoFence(store.place().into()));
     }
     Ok(())
 }
 
-/// The groups from the last one on that begins with entry `held` or earlier, in order. Without such a group, all of them.
+/// The groups from the last that begins with entry `held` or earlier, in order. Without such a group, all.
 fn groups_around(store: &dyn EntryStore, held: u64) -> Result<Vec<u64>, LedgerError> {
     let mut from = held.saturating_sub(RECENT);
     loop {
@@ -205,7 +202,6 @@ fn groups_around(store: &dyn EntryStore, held: u64) -> Result<Vec<u64>, LedgerEr
     }
 }
 
-/// The tree of the first `size` entries in the database.
 fn tree_of(database: &Store, size: u64) -> Result<Frontier, LedgerError> {
     if size == 0 {
         return Ok(Frontier::default());
@@ -214,7 +210,7 @@ fn tree_of(database: &Store, size: u64) -> Result<Frontier, LedgerError> {
     database.known_tree(&Checkpoint { size, root })
 }
 
-/// Compares the groups with the database, and adds to it what it lacks. `tree` ends where the first group begins. Returns how many entries the
+/// Compares the groups with the database, and adds what it lacks. `tree` ends where the first group begins. Returns how many entries the
 /// store has.
 fn take(
     dir: &Path,
@@ -314,7 +310,6 @@ fn put_rest(
     Ok(())
 }
 
-/// Reads these groups at once.
 fn read(store: &dyn EntryStore, groups: &[u64]) -> Result<Vec<Vec<u8>>, LedgerError> {
     thread::scope(|scope| {
         let reading: Vec<_> = groups

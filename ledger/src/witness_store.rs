@@ -1,5 +1,5 @@
 //! A witness' files: for each log, the last checkpoint that it cosigned, as the C2SP monitoring interface serves it. The file is on disk
-//! before the cosignature is handed out, so even a killed witness never forgets what it signed.
+//! before the cosignature leaves, so even a killed witness never forgets what it signed.
 
 use sha2::{Digest as _, Sha256};
 use std::collections::BTreeMap;
@@ -121,8 +121,8 @@ impl WitnessStore {
         }))
     }
 
-    /// Decides on a request at `time_s` and returns the cosignature line. The checkpoint is on disk when this returns. A repeated
-    /// checkpoint gets its old cosignature without a write, because anyone can send a public checkpoint often.
+    /// Decides on a request at `time_s`, and returns the cosignature line. The checkpoint is then on disk. A repeated one gets its old
+    /// cosignature without a write, because anyone can send a public checkpoint often.
     pub fn add(&mut self, body: &[u8], time_s: u64) -> Result<Vec<u8>, AddError> {
         let accepted = self.witness.check(body, time_s)?;
         match self.cosigned.get(&accepted.origin) {

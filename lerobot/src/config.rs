@@ -91,9 +91,9 @@ pub struct PolicyConfig {
     pub self_attn_every: usize,
     /// Action frames predicted at once.
     pub chunk_size: usize,
-    /// Real state dimensions of the robot.
+    /// The robot's state dimensions.
     pub state_dim: usize,
-    /// Real action dimensions of the robot.
+    /// The robot's action dimensions.
     pub action_dim: usize,
     /// State dimensions of the network, padded with zeros.
     pub max_state_dim: usize,

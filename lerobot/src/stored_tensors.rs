@@ -44,9 +44,6 @@ impl StoredTensors {
     }
 
     /// A tensor's bytes, in blocks.
-    ///
-    /// # Errors
-    /// [`StoredPolicyError::AtPath`] when it is missing or unreadable.
     pub(crate) fn blocks(&self, name: &str) -> Result<impl Iterator<Item = Result<Vec<u8>>> + '_> {
         let blocks = self.file.blocks(name).map_err(|e| at(&self.path, e))?;
         Ok(blocks.map(|block| block.map_err(|e| at(&self.path, e))))

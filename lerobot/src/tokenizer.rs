@@ -164,7 +164,6 @@ mod tests {
     use crate::policy_folder::LeRobotConfig;
     use serde_json::{json, Value};
 
-    /// A policy with four tokens, vocabulary 128.
     fn config() -> PolicyConfig {
         let folder = concat!(
             env!("CARGO_MANIFEST_DIR"),

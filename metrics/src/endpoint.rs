@@ -1,5 +1,4 @@
-//! `GET /metrics` for Prometheus, and `GET /health` for monitors. They have a listener of their own, because what they tell is for the operator
-//! alone.
+//! `GET /metrics` for Prometheus and `GET /health` for monitors, on a listener for the operator alone.
 
 use crate::registry::MetricRegistry;
 use crate::troubles::ServiceTroubles;
@@ -13,24 +12,23 @@ use futures_core::future::BoxFuture;
 use std::future;
 use std::sync::Arc;
 
-/// The format of the metrics.
 const OPENMETRICS: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
 
 const TEXT: &str = "text/plain; charset=utf-8";
 
-/// A service whose operator sees how it is doing.
+/// A service that its operator observes.
 pub trait Observed: Send + Sync + 'static {
     /// All metrics as text.
     ///
     /// # Errors
-    /// A sentence that states why there are none.
+    /// A sentence: why there are none.
     fn metrics_text(&self) -> BoxFuture<'_, Result<String, String>>;
 
-    /// A sentence for each thing that is wrong. There is none if the service is in order.
+    /// A sentence for each thing that is wrong.
     fn what_is_wrong(&self) -> Vec<String>;
 }
 
-/// What a service shows that keeps its metrics up to date by itself.
+/// What a service shows that updates its metrics itself.
 #[derive(Clone)]
 pub struct ObservedService {
     /// Its metrics.

@@ -1,10 +1,9 @@
 //! What a service shows its operator: metrics for Prometheus, and what is wrong with it.
 //!
-//! A short tour:
-//! - [`registry`]: the metrics of one service, with their names, as text.
-//! - [`troubles`]: what is wrong with it, for alarms and monitors.
-//! - [`endpoint`]: the routes `/metrics` and `/health`.
-//! - [`process`]: what a process takes of its machine.
+//! - [`registry`]: its metrics, with names, as text.
+//! - [`troubles`]: what is wrong, for alarms and monitors.
+//! - [`endpoint`]: `/metrics` and `/health`.
+//! - [`process`]: what a process takes.
 
 pub mod endpoint;
 pub mod process;

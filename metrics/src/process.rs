@@ -2,7 +2,7 @@
 
 use std::fs;
 
-/// Memory that this process holds, in bytes; 0 if the system does not state.
+/// Memory of this process in bytes; 0 if unknown.
 pub fn memory() -> u64 {
     let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
     let resident = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
@@ -11,7 +11,7 @@ pub fn memory() -> u64 {
     kilobytes.unwrap_or(0) << 10
 }
 
-/// How many files this process has open; 0 if the system does not state.
+/// Open files of this process; 0 if unknown.
 pub fn open_files() -> u64 {
     fs::read_dir("/proc/self/fd").map_or(0, |files| files.count() as u64)
 }

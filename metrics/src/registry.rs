@@ -11,7 +11,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 const PREFIX: &str = "zk0";
 
-/// Metrics, with those that every service has: its release, and what its process takes.
+/// Metrics, among them every service's: release and process.
 pub struct MetricRegistry {
     registry: Registry,
     names: Vec<String>,
@@ -44,7 +44,7 @@ impl Default for MetricRegistry {
 }
 
 impl MetricRegistry {
-    /// Declares a metric by its name without the prefix, and without the ending `_total` of a counter.
+    /// Declares a metric; `name` lacks the prefix and a counter's `_total`.
     pub fn register(&mut self, name: &str, help: &str, metric: impl Metric) {
         let is_counter = metric.metric_type() == MetricType::Counter;
         let ending = if is_counter { "_total" } else { "" };
@@ -52,7 +52,7 @@ impl MetricRegistry {
         self.registry.register(name, help, metric);
     }
 
-    /// The whole names of all metrics, also of those that have no value yet.
+    /// All metrics' whole names, also without a value yet.
     pub fn names(&self) -> &[String] {
         &self.names
     }
@@ -67,12 +67,12 @@ impl MetricRegistry {
     }
 }
 
-/// A number as a gauge has it.
+/// A gauge's number.
 pub fn gauged(number: u64) -> i64 {
     i64::try_from(number).unwrap_or(i64::MAX)
 }
 
-/// The time, in Unix seconds, as a gauge has it.
+/// The time in Unix seconds.
 pub fn now_s() -> i64 {
     let since = SystemTime::now().duration_since(UNIX_EPOCH);
     gauged(since.map_or(0, |since| since.as_secs()))

@@ -1,4 +1,4 @@
-//! What is wrong with a service, as far as it detects that itself. `zk0_trouble` shows it, and `/health`.
+//! What a service finds wrong with itself; `zk0_trouble` and `/health` show it.
 
 use crate::registry::MetricRegistry;
 use prometheus_client::metrics::family::Family;
@@ -6,7 +6,7 @@ use prometheus_client::metrics::gauge::Gauge;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// The troubles of a service, by their kind. Clones share them.
+/// A service's troubles by kind. Clones share them.
 #[derive(Clone)]
 pub struct ServiceTroubles {
     in_force: Arc<Mutex<BTreeMap<&'static str, String>>>,
@@ -32,13 +32,13 @@ impl ServiceTroubles {
         new
     }
 
-    /// From now on, there is trouble of this kind.
+    /// Reports trouble of this kind.
     pub fn raise(&self, kind: &'static str, sentence: impl Into<String>) {
         self.in_force().insert(kind, sentence.into());
         self.metric.get_or_create(&[("kind", kind)]).set(1);
     }
 
-    /// The trouble of this kind is over.
+    /// Ends trouble of this kind.
     pub fn clear(&self, kind: &'static str) {
         self.in_force().remove(kind);
         self.metric.get_or_create(&[("kind", kind)]).set(0);

@@ -1,4 +1,4 @@
-//! Who sends a request: its signed head shows it, checked before the message is read. Without a head, it is a stranger, known by address.
+//! Who sends a request, by its signed head, checked before the message is read. Without a head, a stranger, known by address.
 
 use crate::round::request_error::RequestError;
 use std::net::IpAddr;
@@ -37,12 +37,11 @@ pub(crate) enum CallerId {
     Stranger(IpAddr),
 }
 
-/// Whether a caller still waits. An extension of each request, which goes on when its caller has left.
+/// Whether a caller still waits. An extension of each request, which goes on without its caller.
 #[derive(Clone)]
 pub(crate) struct Awaited(watch::Receiver<()>);
 
 impl Awaited {
-    /// The caller waits until one of both is dropped.
     pub(super) fn begin() -> (watch::Sender<()>, Self) {
         let (waits, awaited) = watch::channel(());
         (waits, Self(awaited))

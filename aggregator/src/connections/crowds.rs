@@ -1,6 +1,6 @@
 //! Which connection makes room when all places are taken: one of those whose network holds most. An attacker has many connections, but
-//! seldom many networks. Idleness shows little: a newcomer is idle until its first request has come, and an attacker can hold requests at
-//! no cost. Senders do not count: behind a proxy, one connection has those of many.
+//! seldom many networks. Idleness shows little: a newcomer is idle until its first request, and an attacker can hold requests at no cost.
+//! Senders do not count: behind a proxy, one connection has many.
 //!
 //! | what counts | for |
 //! |---|---|
@@ -20,7 +20,7 @@ use tokio::time::Instant;
 /// Time for the first request: handshakes take some round trips.
 const GRACE: Duration = Duration::from_secs(5);
 
-/// So many connections are no crowd: two nodes that come at once are not worse than one.
+/// So many are no crowd: two nodes that come at once are not worse than one.
 const FEW: usize = 4;
 
 /// Prefix lengths in IPv4 and in IPv6.
@@ -43,7 +43,7 @@ pub(super) struct TrackedConnection {
 
 /// The number of the connection that makes room at `now` for a newcomer from this address; `None` without connections.
 ///
-/// It sorts the connections, which an attacker can cause with each one that it opens.
+/// It sorts all connections, and an attacker can cause that with each new one.
 pub(super) fn makes_room(
     mut connections: Vec<TrackedConnection>,
     newcomer: IpAddr,
@@ -126,7 +126,6 @@ mod tests {
     }
 
     impl Server {
-        /// Returns the new connection's number, and the one that made room.
         fn enter(
             &mut self,
             from: IpAddr,
@@ -151,7 +150,6 @@ mod tests {
             (number, gone)
         }
 
-        /// Returns the connection that ends, if it was there.
         fn leave(&mut self, number: u64) -> Option<TrackedConnection> {
             let mut places = self.connections.iter();
             let at = places.position(|connection| connection.number == number)?;

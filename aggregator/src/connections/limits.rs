@@ -2,7 +2,6 @@
 
 use std::time::Duration;
 
-/// Default number of connections.
 pub(super) const MOST: usize = 4096;
 
 /// Limits of connections.

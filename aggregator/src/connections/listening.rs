@@ -1,4 +1,4 @@
-//! Listens for connections. Those not yet accepted wait in a queue of the system. While it is full, newcomers are dropped or reset, so it
+//! Listens for connections. Those not yet accepted wait in a queue of the system. When it is full, newcomers are dropped or reset, so it
 //! has as many places as the server.
 
 use crate::connections::limits::MOST;

@@ -1,7 +1,7 @@
-//! The messages in the body of a gRPC request. A body fails if a message is late, or if there is no memory for it in time.
+//! The messages in the body of a gRPC request. A body fails if a message is late, or gets no memory in time.
 //!
-//! A message begins with five bytes: whether it is compressed, and its length (32 bits, the most significant byte first). The decoder
-//! makes room for that length at once, so memory is reserved first.
+//! A message begins with five bytes: whether it is compressed, and its length (32 bits, the most significant byte first). The decoder makes
+//! room for that length at once, so memory is reserved first.
 
 use crate::connections::caller::CallerId;
 use crate::connections::message_memory::{MessageMemory, Reserved, SMALL_BYTES};
@@ -27,14 +27,13 @@ struct Messages {
     /// For one message, once asked for.
     patience: Duration,
     late: Instant,
-    /// The next message has not been asked for.
     between: bool,
     prefix: Vec<u8>,
-    /// Bytes of the present message still to come.
+    /// Bytes of the present message to come.
     left: u64,
 }
 
-/// The body of a request of `caller`, with messages in time and memory reserved. `held` has to live until the answer.
+/// The body of a request of `caller`, with messages in time and memory reserved. `held` lives until the answer.
 pub(super) fn bounded(
     body: Body,
     caller: CallerId,
@@ -60,7 +59,6 @@ pub(super) fn bounded(
     Body::from_stream(data)
 }
 
-/// A message for which there is never room.
 fn too_large(why: &str) -> Status {
     let never = TurnedDown {
         remedy: Remedy::Never.into(),
@@ -70,7 +68,7 @@ fn too_large(why: &str) -> Status {
 }
 
 impl Messages {
-    /// The next bytes, once the messages that begin in them have memory.
+    /// The next bytes, with memory for the messages that begin in them.
     async fn next(&mut self) -> Result<Option<Bytes>, Status> {
         if std::mem::take(&mut self.between) {
             self.late = Instant::now() + self.patience;

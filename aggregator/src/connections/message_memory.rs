@@ -27,7 +27,6 @@ pub(crate) struct MessageMemory {
     in_flight: Gauge,
 }
 
-/// The memory of a message, until it is dropped.
 pub(crate) struct Reserved {
     pub bytes: u64,
     in_flight: Gauge,
@@ -36,7 +35,7 @@ pub(crate) struct Reserved {
 }
 
 impl MessageMemory {
-    /// Reserves at most `bytes` for messages of at most `largest` bytes, and counts them. One of a node and one of a stranger always fit.
+    /// Reserves and counts at most `bytes` for messages of at most `largest` bytes. One of a node and one of a stranger always fit.
     pub fn new(bytes: u64, largest: u64, in_flight: Gauge) -> Self {
         let half = || {
             let units = (bytes / 2).max(largest).div_ceil(UNIT_BYTES);

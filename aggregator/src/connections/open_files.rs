@@ -1,4 +1,4 @@
-//! Fits connections to the process' limit of open files. Each connection is an open file, each file sent or received on it is another
+//! Fits connections to the process' limit of open files. Each connection is one, each file sent or received on it another
 //! ([`super::transfers`] bounds these), and the ledger needs some.
 
 use crate::connections::limits::ConnectionLimits;
@@ -9,8 +9,8 @@ const OTHER_FILES: u64 = 1024;
 /// A connection, and one file sent or received on it.
 const PER_CONNECTION: u64 = 2;
 
-/// Asks the system for enough open files for these connections, and for `log` more of the log's server. If fewer are allowed, it lowers
-/// the limit and logs that.
+/// Asks the system for enough open files for these connections, and for `log` more of the log's server. If fewer are allowed, lowers the
+/// limit and logs that.
 pub fn fit(limits: &mut ConnectionLimits, log: usize) {
     let others = log as u64 * PER_CONNECTION + OTHER_FILES;
     let wanted = (limits.most as u64).saturating_mul(PER_CONNECTION);
@@ -23,7 +23,7 @@ pub fn fit(limits: &mut ConnectionLimits, log: usize) {
         }
     };
     if allowed < wanted {
-        // At least a quarter is for connections, and another for what is sent on them.
+        // At least a quarter is for connections, and another for their files.
         let room = allowed.saturating_sub(others) / PER_CONNECTION;
         let room = usize::try_from(room.max(allowed / 4).max(1)).unwrap_or(usize::MAX);
         let most = limits.most.min(room);

@@ -14,7 +14,7 @@ pub(crate) struct ConnectionSlots {
     most: usize,
     idle: Duration,
     held: Mutex<Held>,
-    /// Counts the connections, with those told to make room.
+    /// Counts the connections, also those told to make room.
     open: Gauge,
 }
 
@@ -43,7 +43,6 @@ pub(crate) struct ServedConnection {
     pub(super) turns: Arc<Semaphore>,
 }
 
-/// A request in progress, until it is dropped.
 pub(crate) struct InProgress(ServedConnection);
 
 impl ConnectionSlots {
@@ -139,7 +138,6 @@ impl Drop for Seat {
 }
 
 impl ServedConnection {
-    /// Counts a request as in progress.
     pub fn begin(&self) -> InProgress {
         self.places.change(self.number, |place| place.requests += 1);
         InProgress(self.clone())

@@ -1,8 +1,8 @@
-//! The requests of a gRPC service: a bounded number in progress, on each connection and in all, whose messages arrive in time and fit into
+//! The requests of a gRPC service: a bounded number in progress, on each connection and in all. Their messages arrive in time and fit into
 //! memory. The sender is known before its message is read.
 //!
-//! A request goes on although its caller has left. Otherwise a caller could begin requests and leave, while their work waits and keeps
-//! their messages in memory. A request that changes nothing and only waits gives up by [`Awaited`].
+//! A request goes on without its caller. Otherwise a caller could begin requests and leave, while their work waits and keeps their messages
+//! in memory. A request that changes nothing and only waits gives up by [`Awaited`].
 
 use crate::connections::answer_body::keeping;
 use crate::connections::caller::{Awaited, CallerId, Sender};

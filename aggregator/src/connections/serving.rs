@@ -23,7 +23,7 @@ use tokio::task::JoinSet;
 use tokio::time::{sleep, sleep_until, timeout, Instant};
 use zk0_tls::server_certificate::Acceptor;
 
-/// For a connection told to close, without a request in progress.
+/// For a closing connection without a request in progress.
 const CLOSING: Duration = Duration::from_secs(1);
 
 /// How often the log states that connections are refused.
@@ -65,7 +65,7 @@ impl Serving {
                     let (serving, stopped) = (serving.clone(), stopped.clone());
                     connections.spawn(serving.seated(stream, seat, stopped));
                 }
-                // Most likely no file descriptor is left. Ending connections give some back.
+                // Most likely no file descriptor is left. Ending connections free some.
                 Err(error) => {
                     serving.metrics.lost(ConnectionLoss::OpenFiles);
                     if reported.is_none_or(|at: Instant| at.elapsed() >= SAY_AGAIN) {
@@ -86,7 +86,7 @@ impl Serving {
         connections.shutdown().await;
     }
 
-    /// Serves until the connection ends, or has to make room.
+    /// Serves until the connection ends, or makes room.
     async fn seated(
         self: Arc<Self>,
         stream: TcpStream,
@@ -146,7 +146,7 @@ impl Serving {
         if seat.idle_until().is_some() {
             let _ = timeout(CLOSING, connection).await;
         } else {
-            // The server cuts it when this takes too long.
+            // The server cuts it if this takes too long.
             let _ = connection.await;
         }
     }

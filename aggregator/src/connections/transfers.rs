@@ -1,5 +1,5 @@
-//! How many files are sent and received at once. Each is an open file for as long as its peer takes, so there are as many as connections:
-//! an eighth for downloads of strangers, the rest for nodes.
+//! How many files are sent and received at once. Each stays open as long as its peer takes, so there are as many as connections: an eighth
+//! for downloads of strangers, the rest for nodes.
 
 use std::sync::Arc;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};

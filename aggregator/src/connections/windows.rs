@@ -1,7 +1,7 @@
 //! How much a connection may send before the service has taken it: HTTP/2's window (RFC 9113, section 5.2).
 //!
-//! A peer sends at most one window in each round trip, so large windows make uploads from far away fast. But a peer can fill its window
-//! and give no reason to take it. So connections share a bounded amount: more of them get smaller windows.
+//! A peer sends at most one window in each round trip, so large windows make uploads from far away fast. But a peer can fill its window and
+//! give no reason to take it. So connections share a bounded amount: more of them get smaller windows.
 
 use std::sync::Arc;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
@@ -21,7 +21,7 @@ const PARTS: usize = 64;
 #[derive(Clone, Debug)]
 pub(crate) struct Windows(Arc<Semaphore>);
 
-/// A connection's window. Dropping it frees its memory.
+/// A connection's window. Dropping it frees the memory.
 #[derive(Debug)]
 pub(crate) struct ConnectionWindow {
     /// In bytes.

@@ -1,4 +1,4 @@
-//! Counts, times and traces requests, by method and by final status. A caller that leaves early counts as `Cancelled`.
+//! Counts, times and traces requests, by method and final status. A caller that leaves early counts as `Cancelled`.
 
 use crate::connections::answer_body::watched;
 use axum::extract::Request;
@@ -20,7 +20,7 @@ use zk0_metrics::registry::MetricRegistry;
 use zk0_protocol::rpc::SERVICES;
 use zk0_traces::request;
 
-/// For unknown paths. Otherwise strangers could fill the memory with names.
+/// For unknown paths. Otherwise strangers could fill memory with names.
 const OTHER: &str = "other";
 
 type OfMethod = [(&'static str, Arc<str>); 1];
@@ -83,7 +83,6 @@ impl RequestMetrics {
     }
 }
 
-/// The methods of all services, as paths name them.
 fn methods() -> BTreeSet<Arc<str>> {
     let described = FileDescriptorSet::decode(SERVICES).unwrap_or_default();
     let files = described.file.iter();
@@ -104,7 +103,7 @@ fn status(headers: &HeaderMap) -> Option<Code> {
     Some(Code::from_bytes(code.as_bytes()))
 }
 
-/// Dropped before its end, it means that the caller has left.
+/// Dropped early, it means that the caller has left.
 struct Counted {
     metrics: RequestMetrics,
     method: Arc<str>,

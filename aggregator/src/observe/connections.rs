@@ -7,11 +7,10 @@ use zk0_metrics::registry::MetricRegistry;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ConnectionLoss {
-    /// The process can open no more files.
     OpenFiles,
-    /// The TLS handshake failed, or took too long.
+    /// The handshake failed, or took too long.
     Handshake,
-    /// Another connection needed its place.
+    /// Another connection got its place.
     MadeRoom,
 }
 

@@ -18,7 +18,6 @@ impl Observed for Service {
     }
 }
 
-/// The metrics, with what is looked up now.
 async fn sampled(service: &Service) -> Result<String, String> {
     let status = service.status().await.map_err(|error| error.to_string())?;
     let (dir, blobs) = service.folder().clone();

@@ -1,5 +1,5 @@
-//! Trouble with the store of the entries. While it does not take the newest ones, the aggregator waits with them, so the status is the last
-//! one, with this trouble.
+//! Trouble with the store of the entries. While it does not take the newest ones, the aggregator waits. The status is then the last one,
+//! with this trouble.
 
 use crate::observe::troubles::Troubles;
 use zk0_ledger::blobs::error::StoreError;

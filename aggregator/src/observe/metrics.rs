@@ -13,7 +13,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 use zk0_metrics::registry::MetricRegistry;
 
-/// Metrics of one service. Clones count together.
+/// One service's metrics. Clones count together.
 #[derive(Clone)]
 pub struct Metrics {
     registry: Arc<MetricRegistry>,
@@ -132,7 +132,7 @@ pub(crate) struct Verification {
     waiting: Gauge,
     running: Gauge,
     seconds: Histogram,
-    /// Their number and total time, which the histogram gives to Prometheus alone.
+    /// The histogram gives their number and total time to Prometheus alone.
     done: Arc<Mutex<(u32, Duration)>>,
 }
 

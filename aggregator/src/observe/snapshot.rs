@@ -1,4 +1,4 @@
-//! How the aggregator is doing, as the ledger, the disk and the store of the blobs show it.
+//! How the aggregator is doing, by the ledger, the disk and the store of the blobs.
 
 use crate::observe::machine::Disk;
 use crate::round::aggregator::Aggregator;

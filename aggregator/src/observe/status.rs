@@ -1,5 +1,5 @@
 //! The answer to `GetStatus`. Strangers may ask, so it holds only what follows from the ledger, how busy the aggregator is, and what is
-//! wrong: counts of verifications, how full the disk is, in per cent, for how long the store of the blobs has failed, and troubles.
+//! wrong: counts of verifications, the full part of the disk in per cent, for how long the store has failed, and troubles.
 
 use crate::observe::entry_store::is_away;
 use crate::observe::snapshot::{millis, snapshot};
@@ -8,7 +8,7 @@ use crate::serve::service::Service;
 use zk0_protocol::rpc::federation::StatusInfo;
 
 impl Service {
-    /// How the aggregator is doing. While the store of the entries is away, this is how it was when somebody last asked.
+    /// How the aggregator is doing. While the store of the entries is away, this is the last status.
     pub(crate) async fn status(&self) -> Result<StatusInfo, RequestError> {
         let service = self.clone();
         let asked = self.with(move |aggregator| {

@@ -1,7 +1,7 @@
-//! What is wrong with a running aggregator, as far as it detects that itself. The tasks that meet a trouble raise and clear it. The
-//! status, the metrics and the health checks show it.
+//! What is wrong with a running aggregator, as far as it detects that itself. The tasks that meet a trouble raise and clear it. The status,
+//! the metrics and the health checks show it.
 //!
-//! Strangers may ask for the status, so the sentences here name no address, path or node; the log does.
+//! Strangers may ask for the status, so these sentences name no address, path or node. The log does.
 
 use futures_util::FutureExt;
 use std::collections::BTreeMap;
@@ -93,7 +93,7 @@ impl Troubles {
     }
 }
 
-/// Whether the rounds or the log need the operator. Monitors ask that.
+/// Whether the rounds or the log need the operator, for monitors.
 pub fn stops_network(kind: Kind) -> bool {
     match kind {
         Kind::Blocked | Kind::Clock | Kind::Fork | Kind::Task | Kind::Overdue => true,
@@ -107,8 +107,8 @@ pub fn stops_network(kind: Kind) -> bool {
     }
 }
 
-/// Whether requests should go elsewhere. Load balancers ask that. While a round is blocked, members' messages are still recorded, and may
-/// end the trouble.
+/// Whether requests should go elsewhere, for load balancers. While a round is blocked, members' messages are still recorded, and may end
+/// the trouble.
 pub fn stops_requests(kind: Kind) -> bool {
     match kind {
         // It records nothing, or it may be a copy that signs a second history.

@@ -1,5 +1,5 @@
-//! Fetches a beacon of drand over HTTP (`/{chain}/public/{round}`), from one of several servers. None is trusted: a beacon counts if its
-//! signature verifies with the public key in the rules.
+//! Fetches a beacon of drand over HTTP (`/{chain}/public/{round}`), from one of several servers. None is trusted: the beacon's signature
+//! must verify with the public key in the rules.
 
 use serde::Deserialize;
 use std::time::Duration;

@@ -18,8 +18,8 @@ pub enum ChosenWitnessesError {
     Ledger(#[from] LedgerError),
 }
 
-/// The witness policy of the aggregator of the ledger in `dir`. `named` is the operator's file. A policy without witnesses is kept in
-/// `dir` at once; one with witnesses, once they have cosigned.
+/// The witness policy of the aggregator of the ledger in `dir`. `named` is the operator's file. `dir` keeps a policy without witnesses at
+/// once; one with witnesses, once they have cosigned.
 ///
 /// # Errors
 /// The rules and the operator both name witnesses; or a policy cannot be read or kept.

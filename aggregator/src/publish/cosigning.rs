@@ -1,5 +1,5 @@
-//! Asks witnesses for cosignatures (C2SP tlog-witness, `add-checkpoint`), all at once, until the policy's quorum is met or time is over. A witness
-//! that does not cosign is asked again after growing waits.
+//! Asks all witnesses for cosignatures at once (C2SP tlog-witness, `add-checkpoint`), until the policy's quorum is met or time is over. A
+//! witness that does not cosign is asked again after growing waits.
 
 use crate::publish::witness_client::{AnswerCount, CosigningClient, NotCosigned, WitnessState};
 use std::panic::resume_unwind;
@@ -68,10 +68,10 @@ impl Witnesses {
         Self::believing(policy, deadline, &Authorities::of_system("--witness-ca"))
     }
 
-    /// Like [`Self::new`], but with certificates signed by one of `authorities`.
+    /// [`Self::new`], with certificates signed by one of `authorities`.
     ///
     /// # Errors
-    /// A witness has no address, the authorities cannot be read, or they come from a file and a witness has no certificate.
+    /// A witness has no address; the authorities cannot be read; or they come from a file and a witness has no certificate.
     pub fn believing(
         policy: WitnessPolicy,
         deadline: Duration,
@@ -148,7 +148,7 @@ impl Witnesses {
         clients.any(|client| client.may_cosign(checkpoint))
     }
 
-    /// Asks those witnesses again whose outage has lasted for long enough. `checkpoint` is the log's newest one. Waits for no answer.
+    /// Asks those witnesses again whose outage has lasted long enough. `checkpoint` is the log's newest one. Waits for no answer.
     pub fn ask_absent(
         &self,
         checkpoint: &[u8],
@@ -162,8 +162,8 @@ impl Witnesses {
         Ok(())
     }
 
-    /// Asks the witnesses that are to be asked now whether the log goes on from what they have cosigned. `checkpoint` is its newest one. Returns
-    /// how many know.
+    /// Asks the witnesses due now whether the log goes on from what they have cosigned. `checkpoint` is its newest one. Returns how many
+    /// know.
     ///
     /// # Errors
     /// A witness has cosigned more entries, or others.
@@ -202,10 +202,10 @@ impl Witnesses {
         Ok(known)
     }
 
-    /// Asks all witnesses once whether they cosign this log, whatever they have cosigned of it. `checkpoint` is any that the log has signed.
+    /// Asks all witnesses once whether they cosign this log, whatever they have cosigned. `checkpoint` is any that the log has signed.
     ///
     /// # Errors
-    /// Those that do are not enough for the policy.
+    /// Too few do for the policy.
     pub fn know(&self, checkpoint: &[u8]) -> Result<(), CosigningError> {
         let answers: Vec<_> = thread::scope(|scope| {
             let ask = |client: &Arc<CosigningClient>| {

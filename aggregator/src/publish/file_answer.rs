@@ -18,7 +18,7 @@ pub(super) fn begins(method: &Method, headers: &HeaderMap) -> Option<u64> {
     }
     let first = range.trim().strip_prefix("bytes=")?.strip_suffix('-')?;
     let number = !first.is_empty() && first.bytes().all(|byte| byte.is_ascii_digit());
-    // Too large a number is beyond the end of every file.
+    // Too large a number is beyond every file's end.
     number.then(|| first.parse().unwrap_or(u64::MAX))
 }
 

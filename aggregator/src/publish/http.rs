@@ -1,4 +1,4 @@
-//! HTTP/1.1 under limits, for a log's files and for a witness: the routes are axum's, the limits are set here.
+//! HTTP/1.1 under limits, for a log's files and for a witness, with axum's routes.
 //!
 //! | what | limit |
 //! |---|---|
@@ -64,7 +64,7 @@ impl Default for HttpLimits {
 
 pub(crate) const TEXT: &str = "text/plain; charset=utf-8";
 
-/// For what never changes: kept for a year.
+/// For what never changes: kept a year.
 pub(crate) const IMMUTABLE: &str = "public, max-age=31536000, immutable";
 
 /// For what changes: asked for each time.

@@ -32,7 +32,6 @@ const WAITING: usize = 64;
 /// In seconds.
 const ASK_AGAIN: &str = "5";
 
-/// What is answered about a file that is not public.
 const NOT_PUBLISHED: &str = "this file is not published, or not yet\n";
 
 /// Serves one folder.
@@ -56,7 +55,7 @@ impl LogServer {
         }
     }
 
-    /// Reads the blobs as they are kept: perhaps in a store.
+    /// Reads the blobs as they are kept, perhaps in a store.
     pub fn with_blobs(self, blobs: Blobs) -> Self {
         Self { blobs, ..self }
     }
@@ -89,7 +88,7 @@ impl LogServer {
         }
     }
 
-    /// What was published at the last request for a checkpoint. It holds all that a reader of that checkpoint asks for.
+    /// What was published at the last request for a checkpoint: all that its reader asks for.
     fn recent(&self) -> Result<Arc<Publication>, PublicationError> {
         let held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
         match held.as_ref() {
@@ -123,7 +122,6 @@ impl LogServer {
         }
     }
 
-    /// Whether a blob is public.
     fn publishes(&self, blob: &Digest) -> Result<bool, PublicationError> {
         Ok(self.recent()?.is_public(blob) || self.newest()?.is_public(blob))
     }
@@ -215,7 +213,7 @@ async fn read(
     }
 }
 
-/// The log cannot be read. The error names paths, which are for the operator.
+/// The log cannot be read. The error names paths, for the operator only.
 fn failed(error: &dyn Display) -> Response {
     tracing::error!("{error}");
     text(
@@ -224,7 +222,6 @@ fn failed(error: &dyn Display) -> Response {
     )
 }
 
-/// There is no published log, or it cannot be read.
 fn unreadable(error: &PublicationError) -> Response {
     match error {
         PublicationError::NotCosigned(_) => text(

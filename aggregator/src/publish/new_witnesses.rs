@@ -4,7 +4,6 @@ use crate::publish::cosigning::{CosigningError, Witnesses};
 use std::time::Duration;
 use zk0_protocol::WitnessPolicy;
 
-/// How long a witness may take to answer.
 const PATIENCE: Duration = Duration::from_secs(5);
 
 /// A policy that a proposal puts into force.
@@ -19,7 +18,7 @@ pub struct NewWitnesses {
 }
 
 impl NewWitnesses {
-    /// Asks the witnesses once. The log has what is missing: the vote decides all the same.
+    /// Asks the witnesses once, and logs what is missing: the vote decides all the same.
     pub fn ask(&self) {
         let policy = WitnessPolicy::parse(&self.policy).map_err(|error| error.to_string());
         let known = policy.and_then(|policy| {
@@ -33,8 +32,8 @@ impl NewWitnesses {
     }
 }
 
-/// Checks that the quorum of a policy cosigns the log that has signed this checkpoint. Each witness is asked once. Certificates count that the
-/// system trusts.
+/// Checks that the quorum of a policy cosigns the log that has signed this checkpoint. Asks each witness once. The system's trusted
+/// certificates count.
 ///
 /// # Errors
 /// Too few witnesses do.

@@ -1,5 +1,5 @@
-//! Asks one witness for cosignatures, and keeps what the log knows of it: what it has cosigned, since when it does not cosign, and when it is
-//! asked next.
+//! Asks one witness for cosignatures, and keeps what the log knows of it: what it has cosigned, since when it does not cosign, and when it
+//! is asked next.
 
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread;
@@ -19,10 +19,10 @@ use zk0_traces::carried::{self, TRACEPARENT};
 /// Largest answer of a witness that is read, in bytes.
 const MAX_ANSWER_BYTES: u64 = 16 << 10;
 
-/// How often a witness is asked because it knows another size of the log than we thought.
+/// How often a witness is asked because it knows another size of the log.
 const ATTEMPTS: usize = 3;
 
-/// The waits before a witness that does not cosign is asked again. They have no end.
+/// The endless waits before a witness that does not cosign is asked again.
 const WAITS: GrowingWaits = GrowingWaits {
     first: Duration::from_millis(250),
     longest: Duration::from_secs(60),
@@ -40,23 +40,22 @@ pub enum NotCosigned {
     /// It has cosigned a later checkpoint.
     #[error("has cosigned {last} entries of this log, but it has {size} now: the log was rolled back, or an old checkpoint was submitted")]
     Behind { last: u64, size: u64 },
-    /// It has too much to do, and wants to be asked again after this time.
+    /// It has too much to do, and names a time to ask again.
     #[error("refuses (status {status}): {text}")]
     Busy {
         status: u16,
         after: Duration,
         text: String,
     },
-    /// It answers with this status and this text. 409 and 422 stand for a tree that does not continue the one that it has cosigned.
+    /// It answers with this status and text. 409 and 422 mean that the tree does not continue the one that it has cosigned.
     #[error("refuses (status {0}): {1}")]
     Status(u16, String),
-    /// It cannot be asked, or gives another answer than the specification has.
+    /// It cannot be asked, or its answer is not the specification's.
     #[error("{0}")]
     Failed(String),
 }
 
 impl NotCosigned {
-    /// How long the witness wants not to be asked.
     fn told(&self) -> Duration {
         match self {
             Self::Busy { after, .. } => (*after).min(MOST_TOLD),
@@ -91,17 +90,15 @@ pub struct WitnessOutage {
     pub next: Instant,
 }
 
-/// A checkpoint that a witness has cosigned.
 #[derive(Clone)]
 pub(super) struct SignedCheckpoint {
-    /// With the log's signature.
     checkpoint: Vec<u8>,
-    /// The line with the cosignature in the note.
+    /// The note's line with the cosignature.
     pub line: Vec<u8>,
     pub cosignature: Cosignature,
 }
 
-/// Counts answers of witnesses, for those who wait for the next one.
+/// Counts answers of witnesses, for those who wait for one.
 #[derive(Default)]
 pub(super) struct AnswerCount {
     count: Mutex<u64>,
@@ -119,14 +116,13 @@ struct WitnessRecord {
     state: WitnessState,
     /// The size of the last checkpoint that the witness has cosigned, as far as we know.
     known: u64,
-    /// The last one that it has cosigned for us.
     signed: Option<SignedCheckpoint>,
     /// A request is in progress, perhaps about an earlier checkpoint.
     asked: bool,
 }
 
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    // A panic elsewhere does not spoil these values: they are never half changed.
+    // A panic elsewhere leaves these values whole.
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
@@ -183,7 +179,7 @@ impl CosigningClient {
         locked(&self.record).signed(checkpoint).cloned()
     }
 
-    /// Whether the witness has not cosigned this checkpoint, and is being asked, or may be asked now.
+    /// Whether the witness has not cosigned this checkpoint, and is or may be asked now.
     pub fn may_cosign(&self, checkpoint: &[u8]) -> bool {
         let record = locked(&self.record);
         record.signed(checkpoint).is_none() && (record.asked || record.is_due())
@@ -194,8 +190,8 @@ impl CosigningClient {
         locked(&self.record).is_due()
     }
 
-    /// Asks for a cosignature of this checkpoint of `size` entries, unless a request is in progress, or the witness is to be asked later. Does not
-    /// wait for the answer, but adds it to `answers`. Returns whether a request is in progress.
+    /// Asks for a cosignature of this checkpoint of `size` entries, unless a request is in progress, or the witness is asked later. Adds
+    /// the answer to `answers`, without a wait. Returns whether a request is in progress.
     pub fn begin(
         self: &Arc<Self>,
         (checkpoint, size): (&[u8], u64),
@@ -272,7 +268,6 @@ impl CosigningClient {
         }
     }
 
-    /// The cosignature of a checkpoint, or what went wrong.
     fn answer(
         &self,
         checkpoint: &[u8],
@@ -325,7 +320,7 @@ impl CosigningClient {
                         text: short(&text()),
                     })
                 }
-                // 409 with a number names the size that the witness knows. With a text, the witness has cosigned another tree of this size.
+                // 409 with a number names the size that the witness knows; with a text, the witness has cosigned another tree of this size.
                 status => match (status, text().parse()) {
                     (409, Ok(last)) => locked(&self.record).known = last,
                     _ => return Err(NotCosigned::Status(status, short(&text()))),
@@ -335,7 +330,7 @@ impl CosigningClient {
         Err(failed("names another size each time it is asked"))
     }
 
-    /// Sends a body. Returns the answer: its status, how long the witness wants not to be asked, and its body.
+    /// Sends a body. Returns the status, how long the witness wants not to be asked, and the answer's body.
     fn post(&self, body: &[u8]) -> Result<(u16, Duration, Vec<u8>), HttpError> {
         let parent = carried::traceparent();
         let headers = parent.iter().map(|parent| (TRACEPARENT, &**parent));
@@ -396,7 +391,7 @@ impl WitnessRecord {
     }
 }
 
-/// Draws a wait. Without a random number, the wait is the longest.
+/// Draws a wait: the longest without a random number.
 fn random() -> u32 {
     getrandom::u32().unwrap_or(u32::MAX)
 }

@@ -49,7 +49,6 @@ impl WitnessMetrics {
         &self.observed
     }
 
-    /// The witness has kept checkpoints of these sizes of these logs.
     pub(crate) fn keeps<'a>(&self, sizes: impl Iterator<Item = (&'a str, u64)>) {
         for (log, size) in sizes {
             let label = [("log", log.to_owned())];
@@ -58,12 +57,10 @@ impl WitnessMetrics {
         self.observed.troubles.clear(DISK);
     }
 
-    /// The witness cannot keep a checkpoint.
     pub(crate) fn keeps_none(&self, why: String) {
         self.observed.troubles.raise(DISK, why);
     }
 
-    /// A request was answered with this status.
     pub(crate) fn answered(&self, status: u16) {
         self.requests.get_or_create(&[("status", status)]).inc();
     }

@@ -115,7 +115,7 @@ impl WitnessServer {
         }
     }
 
-    /// Whether the log may state an invalid consistency proof once more. It then counts as stated.
+    /// Whether the log may state an invalid consistency proof again, which then counts as stated.
     fn says_again(&self) -> bool {
         let Ok(mut reported) = self.reported.lock() else {
             return false;

@@ -48,7 +48,7 @@ pub struct Aggregator {
     pub(super) clock: Arc<dyn Clock>,
     pub(super) arrivals: Arc<Arrivals>,
     pub(super) presence: Arc<Presence>,
-    /// Present nodes when a round last waited, so that the log states it once.
+    /// Present nodes when a round last waited, to log that once.
     pub(super) absence: Option<(usize, usize)>,
     pub(super) config: Config,
     pub(super) index: LedgerIndex,
@@ -56,7 +56,6 @@ pub struct Aggregator {
     pub(super) contributions: Vec<VerifiedContribution>,
     /// Accepted too, but a blob was lost at the start.
     pub(super) lost: Vec<Accepted>,
-    /// Public samples already checked for the next round.
     pub(super) checked_samples: Option<PublicSamples>,
     /// How many entries are published; `None` without witnesses.
     pub(super) published: Option<u64>,
@@ -78,7 +77,7 @@ impl Aggregator {
         Self::open_with(dir, network, key, clock, config, Blobs::at(dir))
     }
 
-    /// [`Aggregator::open`], with the blobs as they are kept: perhaps in a store.
+    /// [`Aggregator::open`], with the blobs as they are kept, perhaps in a store.
     pub fn open_with(
         dir: &Path,
         network: Option<&Digest>,
@@ -137,7 +136,7 @@ impl Aggregator {
         &self.ledger
     }
 
-    /// Tells `watch` why the store of the blobs does not take the newest entries, and `None` when it has taken them.
+    /// Tells `watch` why the store does not take the newest entries, and `None` when it has.
     pub fn watch_store(&mut self, watch: impl Fn(Option<&StoreError>) + Send + Sync + 'static) {
         self.ledger.watch_store(watch);
     }
@@ -204,7 +203,7 @@ impl Aggregator {
         Some(round)
     }
 
-    /// The entry that accepted the contribution of `node` to `round`, if SCAFFOLD's control variates still rest on it and it is among the
+    /// The entry that accepted the contribution of `node` to `round`, if SCAFFOLD's control variates still need it and it is among the
     /// first `published`.
     pub fn contribution(&self, round: u64, node: &NodeId, published: u64) -> Option<u64> {
         let index = self.index.by_scaffold(round, node);
@@ -262,7 +261,6 @@ fn check_open_round(state: &State) -> Result<(), RequestError> {
     }
 }
 
-/// What to do without a verifier of the program.
 pub(super) fn no_verifier(state: &State) -> String {
     format!(
         "its proofs are of the program {}, while this release of zk0 verifies proofs of SP1 {}: start the aggregator with a release of zk0 that verifies SP1 {}, or propose another program",

@@ -1,5 +1,5 @@
-//! The end of a round. Combining and evaluating take long, so they run away from the aggregator, which records the end if the round has
-//! not changed.
+//! The end of a round. Combining and evaluating take long, so they run away from the aggregator, which records the end if the round has not
+//! changed.
 
 use crate::round::accepted::{verify_all, Accepted};
 use crate::round::intake::lost_files::ContributedFiles;
@@ -51,7 +51,7 @@ impl ToClose {
         all.filter_map(|files| files.lost(&self.blobs)).collect()
     }
 
-    /// Computes the end, and keeps the new weights. If a file is missing or has changed on disk, returns why the round cannot close now.
+    /// Computes the end, and keeps the new weights. If a file is missing or damaged, returns why the round cannot close now.
     pub fn compute(self) -> Result<Result<ComputedClosing, String>, RequestError> {
         let Self {
             state,

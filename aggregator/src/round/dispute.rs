@@ -23,8 +23,8 @@ pub struct Disputed {
 }
 
 impl Disputed {
-    /// Reads the contribution and the opening of its round. The rules have compared the claim with the ledger already, and again when the
-    /// ledger was opened.
+    /// Reads the contribution and the opening of its round. The rules have compared the claim with the ledger already, and again
+    /// when it was opened.
     ///
     /// # Errors
     /// One of the two entries is not the one that the log has signed.

@@ -168,8 +168,8 @@ pub fn check_free(dir: &Path) -> Result<(), FoundingError> {
     }
 }
 
-/// Checks that a network can begin with `genesis` at this time, and that its rules admit these nodes one after the other. Writes nothing,
-/// and does not read the genesis' digests.
+/// Checks that a network can begin with `genesis` at this time, and that its rules admit these nodes in turn. Writes nothing, and does not
+/// read the genesis' digests.
 ///
 /// # Errors
 /// The rules refuse the genesis or a node.
@@ -218,7 +218,6 @@ pub fn enrol(
     Ok(())
 }
 
-/// A [`BlobWriter`] as [`Write`].
 struct BlobSink(BlobWriter);
 
 impl Write for BlobSink {

@@ -1,4 +1,4 @@
-//! What the aggregator answers when polled, and the jobs that it leaves to others, because they take long or wait for a network.
+//! What the aggregator answers when polled, and the jobs that it leaves to others, because they take long or wait.
 
 use crate::publish::beacon::BeaconServers;
 use crate::publish::new_witnesses::NewWitnesses;

@@ -25,7 +25,6 @@ pub struct LedgerIndex {
     pub disclosed: DisclosedBlobs,
     /// Who has registered datasets lately.
     pub registrations: Registrations,
-    /// The entries about each round.
     rounds: Vec<RoundEntries>,
     /// The guest programs, each with its first round.
     programs: Vec<(u64, Program)>,
@@ -33,7 +32,7 @@ pub struct LedgerIndex {
     proposals: Vec<u64>,
     /// Entries about the network itself, by the hash of the body: a repeated statement gets the same receipt.
     reported: BTreeMap<Digest, u64>,
-    /// Entries that decided on each node's newest submission, about which it may ask later.
+    /// Entries that decided on each node's newest submission, about which it may ask.
     decisions: BTreeMap<NodeId, u64>,
     /// Entries that accepted contributions, by round and node, in rounds by SCAFFOLD since its control variates began with 0: a node
     /// computes its own from them.
@@ -159,7 +158,7 @@ impl LedgerIndex {
         };
     }
 
-    /// The entry that accepted the contribution of `node` to `round`, if SCAFFOLD's control variates still rest on it.
+    /// The entry that accepted the contribution of `node` to `round`, if SCAFFOLD's control variates need it.
     pub fn by_scaffold(&self, round: u64, node: &NodeId) -> Option<u64> {
         self.by_scaffold.get(&(round, *node)).copied()
     }

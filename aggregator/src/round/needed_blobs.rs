@@ -1,4 +1,4 @@
-//! Which blobs the rounds read. With a store of blobs, the ledger's folder has to hold these.
+//! Which blobs the rounds read. With a store, the ledger's folder has to hold these.
 
 use crate::round::aggregator::Aggregator;
 use crate::round::public_samples::UncheckedSamples;
@@ -37,7 +37,7 @@ impl Aggregator {
     }
 
     /// The public samples of the next round, unless just checked. A vote can replace unusable samples, but only between rounds. Each round
-    /// checks them again, because the file may be lost or damaged.
+    /// checks again, because the file may be lost or damaged.
     pub(super) fn unchecked_samples(&mut self) -> Option<UncheckedSamples> {
         let checked = self.checked_samples.take();
         let samples = UncheckedSamples::of(self.state(), self.ledger.blobs());

@@ -10,14 +10,14 @@ use zk0_protocol::entries::proposal::{Action, Outcome};
 use zk0_protocol::rules::apply::LEAST_OUTAGE_MS;
 
 impl Aggregator {
-    /// Moves the open round's deadlines by the time that no aggregator ran. The file `alive` tells until when one did. On a new machine,
-    /// that is the time since the last entry.
+    /// Moves the open round's deadlines by the time that no aggregator ran: since the time in the file `alive`, or, on a new machine, since
+    /// the last entry.
     pub fn after_start(&mut self) -> Result<(), RequestError> {
         let ran_until_ms = folder::read_alive(self.ledger.dir()).unwrap_or(0);
         self.after_outage(ran_until_ms)
     }
 
-    /// Notes that the first `size` entries are published. If the open round's last step waited for long, its deadlines move.
+    /// Records that the first `size` entries are published. If the open round's last step waited for long, its deadlines move.
     pub fn note_published(&mut self, size: u64) -> Result<(), RequestError> {
         let before = self.published.replace(size).unwrap_or(size);
         match self
@@ -32,8 +32,7 @@ impl Aggregator {
         }
     }
 
-    /// Moves the deadline if what was recorded just now took that long since `begin_ms`: the store of the entries was away, and nobody else got
-    /// the aggregator.
+    /// Moves the deadline if this recording took that long since `begin_ms`: the store of the entries was away, and held the aggregator.
     pub(super) fn after_recording(&mut self, begin_ms: u64) {
         if self.clock.now_ms().saturating_sub(begin_ms) >= LEAST_OUTAGE_MS {
             if let Err(error) = self.after_outage(begin_ms) {
@@ -60,8 +59,8 @@ impl Aggregator {
         Ok(())
     }
 
-    /// Whether a step waits until the one before it is published. Otherwise a window would begin, or end, before anybody could know. Votes do
-    /// not wait: one may name other witnesses. So a round ends, without randomness if it has none, where a proposal waits for its end.
+    /// Whether a step waits until the one before it is published. Otherwise a window would begin, or end, before anybody could know. Votes
+    /// do not wait: one may name other witnesses. So a round ends, without randomness if it has none, where a proposal waits for its end.
     pub(super) fn waits_for_witnesses(&self, step: RoundStep, now_ms: u64) -> bool {
         let waits = match step {
             RoundStep::Settle(_) | RoundStep::Resolve(_) => false,
@@ -74,7 +73,7 @@ impl Aggregator {
         waits && self.published.is_some_and(unseen)
     }
 
-    /// The witnesses to ask before this proposal is settled: those of a policy that it puts into force. They are asked once.
+    /// The witnesses to ask, once, before this proposal is settled: those of a policy that it puts into force.
     pub(super) fn new_witnesses(&self, proposal: u64, outcome: &Outcome) -> Option<NewWitnesses> {
         let open = self.state().proposals().get(&proposal)?;
         let Action::ChangeRules(rules) = &open.action else {
@@ -90,7 +89,6 @@ impl Aggregator {
         })
     }
 
-    /// The entry of the last step of the last round.
     fn last_step(&self) -> Option<u64> {
         let last = self.index.round(None, self.ledger.size())?;
         let steps = [

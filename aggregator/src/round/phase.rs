@@ -55,7 +55,7 @@ pub fn deadline_ms(state: &State) -> Option<u64> {
     }
 }
 
-/// A round closes later than its windows end: its result is computed, and lost files are requested. That may take this long or a submission
+/// A round closes after its windows end: its result is computed, and lost files are requested. That may take this long or a submission
 /// window.
 const CLOSING_MS: u64 = 60_000;
 

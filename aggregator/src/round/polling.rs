@@ -1,4 +1,4 @@
-//! The rounds as a machine. A poll does what is due, or asks for a job. Jobs run away from the aggregator, and their results come back.
+//! The rounds as a machine. A poll does what is due, or asks for a job. Jobs run away from the aggregator, and return results.
 
 use crate::round::aggregator::{no_verifier, Aggregator};
 use crate::round::closing::{ComputedClosing, ToClose};
@@ -25,7 +25,7 @@ pub struct ToCosign {
     pub size: u64,
     /// The checkpoint, with the log's signature.
     pub checkpoint: Vec<u8>,
-    /// The round whose randomness follows from its cosignatures, so that each witness has to cosign it.
+    /// The round whose randomness follows from its cosignatures, so that each witness has to cosign.
     pub draws: Option<u64>,
 }
 
@@ -147,8 +147,8 @@ impl Aggregator {
         self.poll(self.arrivals.now_ms()?)
     }
 
-    /// The open round's deadline that has passed by `now_ms`, and that the ledger does not reflect yet. What arrived after it waits for
-    /// what arrived before it.
+    /// The open round's passed deadline at `now_ms` that the ledger does not reflect yet. What arrived after it waits for what arrived
+    /// before.
     pub fn passed_deadline(&self, now_ms: u64) -> Option<u64> {
         deadline_ms(self.state()).filter(|deadline_ms| now_ms > *deadline_ms)
     }
@@ -221,9 +221,8 @@ impl Aggregator {
         Ok(())
     }
 
-    /// Records the end of the open round, and returns its number. If a contributor has changed its key, the end is computed again instead.
-    /// If the clock was set back to before a submission deadline, the round waits: what still comes in time counts, and the end is
-    /// computed again, too.
+    /// Records the end of the open round, and returns its number. Computes the end again if a contributor has changed its key. If the clock
+    /// was set back to before a submission deadline, the round waits: what still comes in time counts, and the end is computed again, too.
     fn close(&mut self, computed: ComputedClosing) -> Result<Option<u64>, RequestError> {
         let ComputedClosing {
             closing,
@@ -281,7 +280,7 @@ impl Aggregator {
     pub fn to_cosign(&self) -> Result<ToCosign, RequestError> {
         let state = self.state();
         let from_witnesses = state.rules().randomness == RandomnessSource::Witnesses;
-        // Whoever has cosigned a later checkpoint does not cosign this one.
+        // A witness that has cosigned a later checkpoint does not cosign this one.
         let may_come = |entry| {
             self.published
                 .is_none_or(|published| published <= entry + 1)

@@ -1,8 +1,7 @@
 //! Which nodes are present: those that follow the rounds with a signed `WatchRound`, as a waiting node does, or did so within a minute.
 //!
-//! Only the aggregator sees this, so the ledger does not depend on it. Rules that ask for present nodes bind the aggregator alone, and a
-//! replay checks only the number of nodes. An aggregator that breaks the rule opens a round with fewer contributions, as everybody then
-//! sees.
+//! Only the aggregator sees this, so the ledger does not depend on it. Rules that ask for present nodes bind the aggregator alone. A replay
+//! checks only the number of nodes. An aggregator that breaks the rule opens a round with fewer contributions, as everybody sees.
 
 use crate::clock::Clock;
 use std::collections::HashMap;

@@ -49,7 +49,7 @@ impl UncheckedSamples {
         self.rule
     }
 
-    /// Reads and checks them. Returns why the round cannot open. The file may have a gigabyte, so this must not hold up others.
+    /// Reads and checks them. Returns why the round cannot open. The file may have a gigabyte: run this away from the aggregator.
     pub fn check(&self) -> Result<(), String> {
         let checked = check_public_samples(&self.genesis, &self.rules, &self.blobs);
         checked.map_err(|why| format!("round {} cannot open: {why}", self.round))

@@ -1,4 +1,4 @@
-//! Why the aggregator turns a request down, and its gRPC status, whose details hold the code of the refusal and what the node does next.
+//! Why the aggregator turns a request down, and its gRPC status, with the code of the refusal and what the node does next.
 
 use crate::round::intake::staging::StagingError;
 use tonic::{Code, Status};
@@ -14,10 +14,10 @@ use zk0_protocol::{Refusal, RefusalCode};
 use zk0_verifier::close::CloseError;
 use zk0_verifier::Unreadable;
 
-/// Time until a new try of what is not possible now, in milliseconds.
+/// Milliseconds until a new try of what is not possible now.
 const AFTER_MS: u64 = 2000;
 
-/// The same for a failed aggregator, which most likely has to be restarted.
+/// The same for a failed aggregator, which most likely needs a restart.
 const AFTER_FAILURE_MS: u64 = 15_000;
 
 /// Why a request is turned down.
@@ -44,7 +44,7 @@ pub enum RequestError {
     /// An entry names the blob, and it is not here.
     #[error("this aggregator does not have blob {0} any more: it was pruned, or is lost")]
     NotKept(zk0_circuits::Digest),
-    /// The blob is that of an old round, too, and is deleted right now.
+    /// The blob is also an old round's, and is deleted right now.
     #[error("blob {0} is that of an old round, too, and was deleted just now: send it again")]
     Deleted(zk0_circuits::Digest),
     /// Only the network's operator may do this.
@@ -84,7 +84,7 @@ pub enum RequestError {
     /// The store of the blobs failed, so nothing is recorded. Only the log tells more.
     #[error("{0}")]
     BlobStore(String),
-    /// The store of the blobs does not continue this ledger, so nothing more is recorded. Only the log tells why.
+    /// The store does not continue this ledger, so nothing more is recorded. Only the log tells why.
     #[error("{0}")]
     StoredEntries(Box<LedgerError>),
     /// The aggregator's clock is wrong.
@@ -148,7 +148,7 @@ impl From<Unreadable<BlobError>> for RequestError {
     fn from(unreadable: Unreadable<BlobError>) -> Self {
         let reported = unreadable.to_string();
         match unreadable.error {
-            // What is read from the store is written to the ledger's folder, which may be full.
+            // A blob from the store is written to the ledger's folder, which may be full.
             error if matches!(error, BlobError::Store(_)) || error.is_full() => error.into(),
             _ => Self::Internal(reported),
         }

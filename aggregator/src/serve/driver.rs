@@ -18,8 +18,8 @@ use zk0_protocol::WitnessPolicy;
 const BLOCKED_RETRY: Duration = Duration::from_secs(5);
 
 impl Service {
-    /// Opens and closes rounds in time, and does whatever else is due. Returns only when that fails, when the clock has been behind for
-    /// too long, or when the rules come to ask for another witness policy than `witnesses`.
+    /// Opens and closes rounds in time, and does all else that is due. Returns only when that fails, when the clock has been behind for too
+    /// long, or when the rules ask for another witness policy than `witnesses`.
     pub(super) async fn rounds(&self, witnesses: &str) -> RequestError {
         // Steps are retried, so the log states the same reason once.
         let mut reported = String::new();
@@ -51,7 +51,7 @@ impl Service {
                     if reported != why {
                         tracing::error!("{why}; this is tried again every {BLOCKED_RETRY:?}");
                         reported = why;
-                        // If a file is lost, the round's followers learn that.
+                        // The round's followers learn of a lost file.
                         self.stage.send_modify(|_| ());
                     }
                     sleep(BLOCKED_RETRY).await;

@@ -175,7 +175,7 @@ impl Federation for Service {
         let awaited = awaited.ok_or_else(|| Status::internal("a request has no caller"))?;
         let (sender, DownloadRequest { blob, begins }) = taken(request);
         let blob = digest(&blob)?;
-        // Strangers may download. Nodes have places of their own for it.
+        // Strangers may download. Nodes have places of their own.
         let member = sender.member();
         if let Some(signer) = member {
             sender.sends(&RequestContent {

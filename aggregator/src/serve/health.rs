@@ -69,7 +69,6 @@ impl Health for HealthyService {
     }
 }
 
-/// Tells a monitor the service's state, and its changes.
 async fn tell(
     service: &str,
     mut troubles: watch::Receiver<BTreeMap<Kind, Trouble>>,

@@ -1,5 +1,5 @@
-//! The way of a statement or submission from its node's turn to its receipt. Two steps have the aggregator: comparison with the ledger,
-//! and recording.
+//! The way of a statement or submission from its node's turn to its receipt. Two steps hold the aggregator: comparison with the ledger, and
+//! recording.
 
 use crate::round::aggregator::Aggregator;
 use crate::round::intake::admission::{Admission, Comparison};
@@ -66,7 +66,7 @@ impl Service {
         blocking(move || compared.admission(&ledger, answer)).await
     }
 
-    /// Records what a request wants, and returns its receipt. After a deadline, it waits for requests that arrived before.
+    /// Records what a request wants, and returns its receipt. After a deadline, waits for requests that arrived before.
     #[instrument(name = "record", skip_all)]
     pub(super) async fn record_in_turn(
         &self,

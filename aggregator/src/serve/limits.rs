@@ -19,7 +19,7 @@ pub struct Limits {
     pub download: Duration,
     /// Longest time of one message.
     pub message: Duration,
-    /// How long those who follow a round, or watch the service's health, are served. This bounds the cost of peers that are gone.
+    /// How long followers of a round, or of the service's health, are served. This bounds the cost of peers that are gone.
     pub watch: Duration,
     /// Bytes of large messages in progress: one half for nodes, the other for strangers.
     pub message_memory: u64,

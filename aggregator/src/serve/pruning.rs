@@ -1,6 +1,6 @@
-//! Prunes when a round has closed, as `zk0 ledger prune` does ([`zk0_ledger::prune`]). The aggregator is held to copy its state and to sign, and
-//! neither while entries are read nor while files are deleted. Files that no entry names stay, because a request may be about to name them.
-//! If something fails, the rounds go on, and the next end of a round tries again.
+//! Prunes when a round has closed, as `zk0 ledger prune` does ([`zk0_ledger::prune`]). Only the copy of the state and the signature hold
+//! the aggregator. Files that no entry names stay, because a request may be about to name them. If something fails, the rounds go on, and
+//! the next end of a round tries again.
 
 use crate::round::request_error::RequestError;
 use crate::serve::service::{blocking, Service};
@@ -8,7 +8,7 @@ use zk0_ledger::blobs::usage::Amount;
 use zk0_ledger::prune::{PrunePlan, Retention};
 
 impl Service {
-    /// Keeps what an audit needs of the last so many closed rounds. When a round has closed, older updates are deleted.
+    /// Keeps what an audit needs of the last so many closed rounds. Each end of a round deletes older updates.
     pub fn with_kept_rounds(mut self, rounds: u64) -> Self {
         self.keep_rounds = Some(rounds);
         self
@@ -57,7 +57,7 @@ impl Service {
         while !plan.doomed.is_empty() {
             let part;
             (plan, part) = {
-                // The end of a round is not being computed then: its result is recorded, or begins after this part.
+                // No end of a round is being computed then: its result is recorded, or it begins after this part.
                 let _alone = self.stepping.lock().await;
                 let doom = self.with(move |aggregator| {
                     let part = aggregator.doom(&mut plan)?;

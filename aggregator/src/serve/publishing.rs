@@ -1,4 +1,4 @@
-//! Has checkpoints cosigned. What is recorded is published once enough witnesses have cosigned it.
+//! Has checkpoints cosigned. What is recorded is published once enough witnesses have.
 
 use crate::publish::cosigning::{ConsistencyProver, Cosigned, CosigningError, Witnesses};
 use crate::round::aggregator::Aggregator;
@@ -30,7 +30,8 @@ enum PublishingStep {
 }
 
 impl Service {
-    /// Whether the folder's cosigned checkpoint is of another policy, as after a vote: then no witness of this one may have seen the log.
+    /// Whether the folder's cosigned checkpoint is of another policy, as after a vote: then perhaps no witness of this one has seen the
+    /// log.
     pub async fn is_new_policy(&self, policy: WitnessPolicy) -> Result<bool, RequestError> {
         let is_new = self.with(move |aggregator| {
             let ledger = aggregator.ledger();
@@ -174,7 +175,6 @@ impl Service {
         }
     }
 
-    /// Whether too few witnesses cosign.
     pub(super) fn lacks_witnesses(&self) -> bool {
         self.troubles().lasting(Kind::Witnesses).is_some()
     }

@@ -28,7 +28,7 @@ impl Recorder {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Queues a request that arrived at `arrived_ms`. The index of its entry comes when it is recorded.
+    /// Queues a request that arrived at `arrived_ms`. Its entry's index comes when it is recorded.
     pub fn push(&self, arrived_ms: u64, what: ToRecord) -> Receiver<Answer> {
         let (answer, answered) = oneshot::channel();
         self.waiting().push(WaitingEntry {
@@ -39,7 +39,7 @@ impl Recorder {
         answered
     }
 
-    /// Records what waits, but for requests that arrived after a deadline while an earlier one is still in progress.
+    /// Records what waits, but for requests that arrived after a deadline while an earlier one is in progress.
     pub fn record(&self, aggregator: &mut Aggregator) {
         let mut all: Vec<_> = std::mem::take(&mut *self.waiting());
         // The ledger's time never goes back, so the earliest comes first.

@@ -1,4 +1,4 @@
-//! The aggregator on the network: `proto/federation.proto` over tonic. Every limit applies before the aggregator does any work:
+//! The aggregator on the network: `proto/federation.proto` over tonic. Every limit applies before any work:
 //!
 //! | what | limit |
 //! |---|---|
@@ -86,7 +86,7 @@ pub struct Service {
     pub(super) ledger: LedgerReader,
     /// The open round's passed deadline that the ledger does not reflect yet, or `u64::MAX`.
     deadline_ms: Arc<AtomicU64>,
-    /// Whether work on the aggregator has panicked: its state is unknown then.
+    /// Work on the aggregator has panicked: its state is unknown.
     panicked: Arc<AtomicBool>,
     /// Held for a step of the rounds, so that nothing is computed twice.
     pub(super) stepping: Arc<Mutex<()>>,
@@ -110,7 +110,7 @@ pub struct Service {
     pub(super) heads: Arc<ReplayWindow>,
     pub(crate) certificate: Option<Arc<ServerCertificate>>,
     pub(super) limits: Limits,
-    /// How many closed rounds keep all their files; `None` for all rounds.
+    /// How many closed rounds keep all their files; `None` for all.
     pub(super) keep_rounds: Option<u64>,
     pub(super) round_closed: Arc<Notify>,
     metrics: Metrics,
@@ -188,13 +188,11 @@ impl Service {
         publishing.map(|publishing| &*publishing.witnesses)
     }
 
-    /// The status when somebody last asked.
     pub(crate) fn last_status(&self) -> StatusInfo {
         let last = self.last_status.read();
         last.unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Remembers this status, and returns it.
     pub(crate) fn note_status(&self, status: StatusInfo) -> StatusInfo {
         let last = self.last_status.write();
         last.unwrap_or_else(PoisonError::into_inner)
@@ -202,12 +200,10 @@ impl Service {
         status
     }
 
-    /// The ledger's folder, and its blobs.
     pub(crate) fn folder(&self) -> &(PathBuf, Blobs) {
         &self.folder
     }
 
-    /// When the service started.
     pub(crate) fn started(&self) -> Instant {
         self.started
     }
@@ -224,8 +220,8 @@ impl Service {
         self
     }
 
-    /// A quorum of `witnesses` has to cosign a checkpoint before what it covers is published, or a receipt is given out. The ledger's
-    /// folder keeps their policy.
+    /// A quorum of `witnesses` has to cosign a checkpoint before what it covers is published, or a receipt given out. The ledger's folder
+    /// keeps their policy.
     pub async fn witnessed(mut self, witnesses: Arc<Witnesses>) -> Result<Self, RequestError> {
         let policy = witnesses.policy().clone();
         let published = self
@@ -259,8 +255,8 @@ impl Service {
         Ok(self)
     }
 
-    /// Serves on `listener` and runs the rounds until `stop` is ready, then drains the open requests within the limits. Ends early when
-    /// the aggregator cannot go on. Boxed, so that a crate that awaits it does not compile the server again.
+    /// Serves on `listener` and runs the rounds until `stop` is ready, then drains the open requests within the limits. Ends early when the
+    /// aggregator cannot go on. Boxed, so that a crate that awaits it does not compile the server again.
     pub fn serve<'a>(
         self,
         listener: TcpListener,
@@ -333,11 +329,11 @@ impl Service {
         }
     }
 
-    /// Starts the service's loops. Each ends only when it cannot go on. They go on during the last requests, which may wait until their
-    /// checkpoints are published. Each is a task of its own: a future that is no longer polled could hold the aggregator for ever.
+    /// Starts the service's loops. Each ends only when it cannot go on. They go on during the last requests, which may wait for their
+    /// checkpoints' publication. Each is its own task: a future that is no longer polled could hold the aggregator for ever.
     ///
-    /// A task may be aborted wherever it waits. It writes in [`blocking`], which goes on without it. The next start does what was left, as
-    /// after a kill.
+    /// A task may be aborted wherever it waits. It writes in [`blocking`], which goes on without it. The next start does the rest, as after
+    /// a kill.
     fn loops(&self, witnesses: String) -> JoinSet<RequestError> {
         let mut loops = JoinSet::new();
         let (rounds, publish) = (self.clone(), self.clone());
@@ -377,7 +373,7 @@ impl Service {
         loops
     }
 
-    /// Notes the time now and then, so that the next start knows how long no aggregator ran.
+    /// Records the time now and then, so that the next start knows how long no aggregator ran.
     async fn note_alive(&self) -> RequestError {
         loop {
             let noted = self.with(|aggregator| {
@@ -432,7 +428,7 @@ impl Service {
         let (panicked, deadline) = (self.panicked.clone(), self.deadline_ms.clone());
         let members = self.members.clone();
         blocking(move || {
-            // Put back before the aggregator is free again.
+            // Put back before the aggregator is free.
             panicked.store(true, Ordering::Release);
             let (begun, size) = (Instant::now(), aggregator.ledger().size());
             let done = work(&mut aggregator);

@@ -1,5 +1,4 @@
-//! A submission on its way through the service, in the steps of [`crate::round::intake::submission`]. All cores verify proofs and weights,
-//! while the rest goes on.
+//! A submission on its way through the service, in the steps of [`crate::round::intake::submission`]. All cores verify proofs and weights.
 
 use crate::round::aggregator::Aggregator;
 use crate::round::intake::admission::Admission;

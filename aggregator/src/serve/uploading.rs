@@ -85,7 +85,6 @@ impl Service {
         Ok(())
     }
 
-    /// Takes a recorded submission's proof again, if lost.
     pub(super) async fn take_lost_proof(
         &self,
         submission: &Submission,
@@ -135,7 +134,7 @@ impl Service {
             .await
     }
 
-    /// Waits until the ledger does not allow an upload any more, and returns why.
+    /// Waits until the ledger no longer allows an upload, and returns why.
     pub(super) async fn not_allowed(&self, upload: &UploadRequest) -> RequestError {
         let mut stage = self.stage.subscribe();
         loop {
@@ -148,7 +147,7 @@ impl Service {
         }
     }
 
-    /// Why an upload has failed. The end of its round removes its files; then the node learns that, and not that a file is gone.
+    /// Why an upload has failed. The end of its round removes its files; the node then learns that, and not that a file is gone.
     pub(super) async fn why(&self, upload: &UploadRequest, error: RequestError) -> RequestError {
         self.begun(upload.clone()).await.err().unwrap_or(error)
     }
@@ -222,7 +221,7 @@ struct Incoming {
 }
 
 impl Incoming {
-    /// The next part, and where its data begins. An error if the part or the whole upload takes too long.
+    /// The next part, and where its data begins. An error if the part or the upload takes too long.
     async fn next(&mut self) -> Result<Option<(u64, Part)>, Status> {
         let Limits {
             silence, upload, ..

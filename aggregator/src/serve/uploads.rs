@@ -8,7 +8,6 @@ use tokio::sync::{watch, OwnedMutexGuard};
 use zk0_circuits::NodeId;
 use zk0_protocol::rpc::federation::turned_down::Remedy;
 
-/// The uploads of all nodes.
 #[derive(Clone, Default)]
 pub(super) struct Uploads {
     turns: KeyedTurns<NodeId>,
@@ -16,7 +15,6 @@ pub(super) struct Uploads {
     newest: Arc<Mutex<HashMap<NodeId, watch::Sender<()>>>>,
 }
 
-/// The newest upload of a node when it begins.
 pub(super) struct Newest {
     node: NodeId,
     turns: KeyedTurns<NodeId>,
@@ -39,7 +37,7 @@ impl Uploads {
 }
 
 impl Newest {
-    /// Waits until the upload before has written what has come of it. Until the guard is dropped, no other task writes for this node.
+    /// Waits until the upload before has written what has come. Until the guard is dropped, no other task writes for this node.
     pub async fn turn(&self) -> OwnedMutexGuard<()> {
         self.turns.take(self.node).await
     }

@@ -13,7 +13,6 @@ use zk0_protocol::rpc::federation::RoundInfo;
 use zk0_protocol::rules::state::Round;
 
 impl Service {
-    /// Tells the followers of a round whether it has come further.
     pub(super) async fn note_stage(&self) -> Result<(), RequestError> {
         let service = self.clone();
         let stage = self.with(move |aggregator| match service.visible(aggregator) {
@@ -84,7 +83,7 @@ impl Service {
         .await
     }
 
-    /// A round, or the last one, now and at each change, until the service ends, and for [`Limits::watch`] at most. A node stays `present`
+    /// A round, or the last one, now and at each change, until the service ends, and for [`Limits::watch`] at most. The node is `present`
     /// for as long.
     ///
     /// [`Limits::watch`]: crate::serve::limits::Limits::watch
@@ -143,8 +142,8 @@ impl Service {
     }
 }
 
-/// What is new to a follower: an entry, that it may contribute, or that a file of its contribution is lost. The clock and the newer
-/// receipts of a grown ledger are no news.
+/// What is new to a follower: an entry, that it may contribute, or that a file of its contribution is lost. The clock and newer receipts
+/// are no news.
 fn news(info: &RoundInfo) -> ([Option<u64>; 5], bool, Vec<Vec<u8>>) {
     let entries = [
         &info.opened,

@@ -1,4 +1,4 @@
-//! Findings, and what is not settled: a missing or damaged blob may be repaired later, and a failing disk tells nothing about the ledger.
+//! Findings, and what is not settled: a missing or damaged blob may be repaired, and a failing disk tells nothing about the ledger.
 
 use crate::account::{Account, SkipReason};
 use crate::checks::check::Check;
@@ -12,7 +12,7 @@ use zk0_ledger::replay::Finding;
 #[derive(Default)]
 pub struct Found {
     findings: Vec<Finding>,
-    /// Blobs found missing or damaged. Their results are not final.
+    /// Missing or damaged blobs. Their results are not final.
     awaited: BTreeSet<Digest>,
     /// Whether the auditor can copy damaged blobs again.
     copied: bool,
@@ -31,10 +31,10 @@ impl Found {
         }
     }
 
-    /// Continues an earlier audit, which waited for these blobs.
+    /// Continues an earlier audit that waited for these blobs.
     ///
     /// # Errors
-    /// One of them is whole now, so its check has to be repeated.
+    /// One of them is whole now, so its check must run again.
     pub fn go_on(self, awaited: BTreeSet<Digest>, blobs: &Blobs) -> Result<Self, String> {
         match awaited.iter().find(|blob| blobs.check(blob).is_ok()) {
             Some(blob) => Err(format!(
@@ -91,7 +91,7 @@ impl Found {
         &self.damaged
     }
 
-    /// What a disk kept from being checked; `None` if all was read.
+    /// What a disk kept from being checked, if anything.
     pub fn not_read(&self) -> Option<Finding> {
         let (count, first) = self.unread.as_ref()?;
         let text = match count {

@@ -1,5 +1,5 @@
-//! Contributions that a round leaves out, because the aggregator lost a file of them. Nothing depends on their blobs. An audit reports each
-//! one.
+//! Contributions that a round leaves out, because the aggregator lost a file of them. Nothing depends on their blobs. An audit reports
+//! each.
 
 use crate::auditor::Auditor;
 use crate::checks::RecordedClaim;

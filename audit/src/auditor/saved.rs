@@ -9,8 +9,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use zk0_circuits::Digest;
 use zk0_protocol::RefusalCode;
 
-/// An auditor in a state file: depth and named programs, what was checked, what the open round accepted, what may still be disputed, rounds
-/// that cannot be repeated, what the open round refused, and missing or damaged blobs.
+/// Depth and named programs, what was checked, what the open round accepted, what may be disputed, rounds that cannot be repeated, what the
+/// open round refused, and missing or damaged blobs.
 pub type SavedAuditor = (
     Depth,
     TrustedPrograms,

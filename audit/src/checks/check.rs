@@ -1,4 +1,4 @@
-//! The outcome of a check, and what a blob's reading error means for the ledger and the auditor's disk.
+//! The outcome of a check, and what an unreadable blob means.
 
 use crate::account::{CheckKind, SkipReason};
 use zk0_circuits::Digest;
@@ -17,7 +17,7 @@ pub enum Check {
     Failed(String),
     /// This blob is missing without a waiver.
     Lost(Digest, String),
-    /// This blob's file holds other bytes than the ledger names. The ledger, or the auditor's copy of it, is wrong.
+    /// This blob's file holds other bytes than the ledger names: the ledger, or the auditor's copy, is wrong.
     Damaged(Digest, String),
     /// A disk or a store failed, so there is no verdict.
     Unread(String),
@@ -42,8 +42,7 @@ pub(crate) fn unreadable(error: &BlobError, text: String) -> Check {
     }
 }
 
-/// Reads a blob of at most `limit` bytes. The digest of a file over the limit shows whether it is damaged, or the ledger names a blob that
-/// is too large.
+/// Reads a blob of at most `limit` bytes. A larger file's digest shows whether it is damaged, or the ledger names too large a blob.
 pub(crate) fn get(blobs: &Blobs, blob: &Digest, limit: u64) -> Result<Vec<u8>, BlobError> {
     match blobs.get(blob, limit) {
         Err(error @ BlobError::TooLarge { .. }) => Err(blobs.check(blob).err().unwrap_or(error)),

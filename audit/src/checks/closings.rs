@@ -174,18 +174,18 @@ fn cannot_close(closed: &RoundClosed, error: &CloseError) -> Check {
     Check::Failed(how_not_closed(closed, error))
 }
 
-/// A round's contributions do not combine. If a file is the reason, the file shows whether it is damaged.
+/// A round's contributions do not combine. A file that is the reason shows whether it is damaged.
 fn cannot_combine(closed: &RoundClosed, error: &CloseError, blobs: &Blobs) -> Check {
     let text = how_not_closed(closed, error);
     match error {
-        // The update was verified before. If its file is whole, the disk returned other bytes.
+        // The update was verified. If its file is whole, the disk returned other bytes.
         CloseError::Combine(
             CombineError::Unreadable { blob, .. } | CombineError::Changed { blob, .. },
         ) => match blobs.check(blob) {
             Ok(()) => Check::Unread(text),
             Err(error) => unreadable(&error, text),
         },
-        // The moments were not verified before. If their file is whole, the ledger names a file without moments.
+        // The moments were not verified. If their file is whole, the ledger names a file without moments.
         CloseError::Combine(
             CombineError::MomentsUnreadable { blob, .. }
             | CombineError::OtherMoments { expected: blob, .. },

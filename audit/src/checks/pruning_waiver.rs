@@ -1,4 +1,4 @@
-//! Waives blobs that the log's operator signed as pruned, and records the rounds that cannot be repeated for that.
+//! Waives blobs that the log's operator signed as pruned, and records the rounds that cannot be repeated.
 
 use crate::account::SkipReason;
 use borsh::{BorshDeserialize, BorshSerialize};

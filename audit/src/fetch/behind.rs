@@ -1,5 +1,5 @@
-//! A log that shows fewer entries than were seen before. That proves nothing: somebody may serve an old copy, as a cache does. So what was seen
-//! stays, and the log has some time to come back. One that is still behind after that was rolled back.
+//! A log that shows fewer entries than before. That proves nothing: somebody may serve an old copy, as a cache does. So what was seen
+//! stays, and the log has some time to come back. If it does not, it was rolled back.
 
 use std::fmt;
 use std::fs;
@@ -10,12 +10,12 @@ use zk0_ledger::published::mirror::MirrorError;
 use zk0_ledger::published::reader::PublishedError;
 use zk0_ledger::replay::SavedReplay;
 
-/// The log shows fewer entries than were seen before, and has time to come back.
+/// The log shows fewer entries than before, and has time to come back.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LogBehind {
     /// How many entries it shows.
     pub shown: u64,
-    /// How many were seen before.
+    /// How many it showed before.
     pub known: u64,
 }
 
@@ -32,17 +32,17 @@ impl fmt::Display for LogBehind {
 
 impl std::error::Error for LogBehind {}
 
-/// What it means that a log shows fewer entries than were seen before.
+/// What it means that a log shows fewer entries than before.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Shortfall {
-    /// The log is behind, and has time to come back.
+    /// The log has time to come back.
     Behind(LogBehind),
     /// The time is over. The text states that for people.
     RolledBack(String),
 }
 
 impl Shortfall {
-    /// What `error` means if the log is behind: behind its mirror in the folder `mirror`, or behind the state file `saved`. The log has the time
+    /// What `error` means if the log is behind its mirror in the folder `mirror`, or the state file `saved`. The log has the time
     /// `behind_for` to come back, from when that was written. `None` if the error is another one.
     pub fn of(
         error: &anyhow::Error,
@@ -60,7 +60,7 @@ impl Shortfall {
                     let recent = is_recent(&folder::checkpoint(mirror?), behind_for);
                     (LogBehind { shown, known }, recent)
                 }
-                // A log that is being updated is read in part only.
+                // A log in an update is read in part only.
                 MirrorError::BeingUpdated { network, size, .. } => {
                     let (file, saved) = saved.filter(|(_, saved)| saved.network() == network)?;
                     let (shown, known) = (*size, saved.size);
@@ -81,9 +81,9 @@ impl Shortfall {
     }
 }
 
-/// Whether a file was written less than `time` ago; `false` if that cannot be read.
+/// Whether a file was written less than `time` ago; `false` if unknown.
 pub(crate) fn is_recent(file: &Path, time: Duration) -> bool {
     let written = fs::metadata(file).and_then(|file| file.modified());
-    // By a clock that was set back since then, no time has passed.
+    // For a clock that was set back since then, no time has passed.
     written.is_ok_and(|at| at.elapsed().unwrap_or_default() < time)
 }

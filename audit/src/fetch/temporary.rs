@@ -1,7 +1,7 @@
-//! Temporary folders, removed even when Ctrl-C or SIGTERM ends the process. A mirror may have gigabytes, which would stay unnoticed.
+//! Temporary folders, removed even when Ctrl-C or SIGTERM ends the process. A mirror may leave gigabytes unnoticed.
 //!
-//! An audit cannot stop anywhere, and would report vanishing files as missing from the log. So the process becomes another program, which
-//! ends all audit threads at once and removes the folders.
+//! An audit cannot stop anywhere, and would report vanishing files as missing from the log. So the process becomes another program: that
+//! ends all audit threads at once, and removes the folders.
 
 use std::future::pending;
 use std::io;
@@ -22,14 +22,14 @@ static FOLDERS: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 pub struct Temporary(TempDir);
 
 impl Temporary {
-    /// Makes a folder. From the first call on, the two signals end the process only after removing the folders.
+    /// Makes a folder. From the first call on, the two signals first remove the folders.
     ///
     /// # Errors
     /// The folder cannot be made.
     pub fn make() -> io::Result<Self> {
         static LISTENING: Once = Once::new();
         LISTENING.call_once(listen);
-        // Whatever ends the process waits until the list has the new folder.
+        // What ends the process waits until the list has the new folder.
         let mut folders = folders();
         let made = tempfile::tempdir()?;
         folders.push(made.path().to_owned());
@@ -56,7 +56,7 @@ fn listen() {
     }
 }
 
-/// Waits for one of the signals, and ends the process. Sends on `listening` when it waits.
+/// Waits for one of the signals, and ends the process. Sends on `listening` at its start.
 fn wait(listening: Sender<()>) {
     let Ok(runtime) = Builder::new_current_thread().enable_io().build() else {
         return;
@@ -84,7 +84,7 @@ fn wait(listening: Sender<()>) {
 /// Removes the folders, and ends the process by this signal. For systemd that is no failure, and a shell script ends, too.
 fn end(signal: i32) -> ! {
     let folders = folders();
-    // A container's first process is not ended by its own signal. The exit code is a shell's for the signal.
+    // A container's first process does not end by its own signal. A shell has this exit code for it.
     let code = 128 + signal;
     let script = format!(
         "trap '' INT TERM; rm -rf -- \"$@\"; trap - INT TERM; kill -{signal} $$; exit {code}"

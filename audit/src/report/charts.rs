@@ -81,7 +81,7 @@ impl HtmlPage {
         self.markup("</div>");
     }
 
-    /// The losses on the public samples. A place for several rounds shows the last loss among them.
+    /// The losses on the public samples. Of several rounds in one place, the last.
     fn public_losses(&mut self, groups: &[&[RoundHistory]], rounds: &PlotAxis<'_>) {
         let last = |of: fn(&PublicLosses) -> Option<f64>| -> Vec<Option<f64>> {
             let last = |group: &&[RoundHistory]| {
@@ -137,7 +137,7 @@ impl HtmlPage {
     }
 }
 
-/// The rounds, in as many equal groups as a chart can show.
+/// The rounds, in as many equal groups as a chart shows.
 fn groups(rounds: &[RoundHistory]) -> Vec<&[RoundHistory]> {
     rounds
         .chunks(rounds.len().div_ceil(MOST_PLACES).max(1))
@@ -162,7 +162,7 @@ fn mean_loss(group: &[RoundHistory], of: fn(&LossHistory) -> f64) -> Option<f64>
     (claims > 0).then(|| sum / claims as f64)
 }
 
-/// The nodes' earnings after each group of rounds. The highest earners have their own lines.
+/// The nodes' earnings after each group of rounds. The highest have their own lines.
 fn credits(history: &History, groups: &[&[RoundHistory]]) -> (String, Vec<Series<'static>>) {
     let mut order: Vec<usize> = (0..history.nodes.len())
         .filter(|place| history.nodes[*place].credits > 0)

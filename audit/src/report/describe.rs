@@ -1,4 +1,4 @@
-//! Entries in words. Only this file must know every kind of entry.
+//! Entries in words. Only this file must know every kind.
 
 use zk0_circuits::{Losses, NodeId};
 use zk0_protocol::challenge::drawing::Drawing;
@@ -141,7 +141,7 @@ pub fn action(action: &Action) -> String {
     }
 }
 
-/// How a round closed: its contributions, its commitments without a claim, and its result.
+/// How a round closed: contributions, commitments without a claim, and result.
 fn closed_with(closed: &RoundClosed) -> String {
     let contributions = counted(
         closed.contributors.len() as u64,

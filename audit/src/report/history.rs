@@ -101,7 +101,7 @@ pub struct RoundHistory {
     pub shares: Vec<Share>,
     /// Mean losses of base weights and updates, over accepted claims that disclose them.
     pub losses: Option<LossHistory>,
-    /// The result on the public samples, if the rules name some and the round has contributions.
+    /// The result on the public samples, if there is one.
     pub public: Option<PublicLosses>,
 }
 
@@ -330,7 +330,7 @@ impl History {
         });
     }
 
-    /// Changes a node's identity. Its past still counts.
+    /// Changes a node's identity. Its past counts.
     fn replace_key(&mut self, node: &NodeId, with: NodeId) {
         if let Some(&place) = self.places.get(node) {
             self.places.insert(with, place);
@@ -352,14 +352,13 @@ impl History {
         }
     }
 
-    /// A guest program is in force from the next round on.
     fn program(&mut self, index: u64, program: &Program) {
         let round = self.rounds.len() as u64;
         let in_force = ProgramInForce::new(index, round, program, self.mode);
         self.programs.push(in_force);
     }
 
-    /// Ends a dispute. A false contribution's node loses its earnings.
+    /// Ends a dispute. A false contribution earns nothing.
     fn judged(&mut self, dispute: u64, upheld: bool) {
         let is = |one: &&mut DisputeHistory| one.disputed_entry == dispute;
         let Some(dispute) = self.disputes.iter_mut().find(is) else {
@@ -457,7 +456,7 @@ impl History {
     }
 }
 
-/// Visits the first `size` entries of the ledger in `dir`, and checks that their root is still `root`.
+/// Visits the first `size` entries of the ledger in `dir`, whose root must still be `root`.
 pub fn read(dir: &Path, size: u64, root: &str, mut each: impl FnMut(u64, &Entry)) -> Result<()> {
     let store = Store::open_read_only(&folder::database(dir))?;
     let mut tree = Frontier::default();

@@ -121,7 +121,6 @@ impl HtmlPage {
 
     fn findings(&mut self, findings: &[Finding]) {
         let faults: Vec<_> = of(findings, Severity::Fault);
-        // The section above lists what was not checked.
         let notes: Vec<_> = of(findings, Severity::Note);
         self.heading("Findings");
         if faults.is_empty() && notes.is_empty() {
@@ -330,7 +329,7 @@ fn of(findings: &[Finding], severity: Severity) -> Vec<&Finding> {
     findings.iter().filter(is).collect()
 }
 
-/// The rules, by their genesis names with spaces for underscores.
+/// The rules, with spaces for underscores.
 fn rules(network: &NetworkSummary) -> Vec<(String, String)> {
     let Ok(serde_json::Value::Object(rules)) = serde_json::to_value(&network.rules) else {
         return Vec::new();

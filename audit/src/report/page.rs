@@ -1,5 +1,4 @@
-//! Writes HTML. Names, reasons and findings are untrusted: [`HtmlPage`] takes markup only as this program's literals, and escapes
-//! everything else.
+//! Writes HTML. Names, reasons and findings are untrusted: [`HtmlPage`] takes markup only as this program's literals, and escapes all else.
 
 use crate::report::svg::{escape, Svg};
 use std::fmt::Display;

@@ -1,4 +1,4 @@
-//! Simulations of exported policies in the report. They are not proven, as the section states.
+//! Simulations of exported policies in the report, which are not proven.
 
 use crate::report::history;
 use crate::report::page::HtmlPage;
@@ -73,8 +73,7 @@ pub struct ReceiptSummary {
 }
 
 impl Rollouts {
-    /// Reads the results in `folder`, and compares their receipt with the first `size` entries of the ledger in `dir`, whose root is
-    /// `root`.
+    /// Reads the results in `folder`, and compares their receipt with the first `size` entries of the ledger in `dir`, of the root `root`.
     ///
     /// # Errors
     /// `folder` has no results, or the ledger is unreadable.

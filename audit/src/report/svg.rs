@@ -136,7 +136,7 @@ pub fn lines(
             escape(one.colour),
             path.join(" ")
         ));
-        // Circles show a few points. Many are clearer as a line alone.
+        // Circles show a few points, but hide a line of many.
         if points.len() <= 60 {
             for (x, y, value) in points {
                 let title = escape(&format!("{}: {}", one.name, number(value)));
@@ -240,7 +240,6 @@ impl Chart {
         HEIGHT - BOTTOM - share * (HEIGHT - BOTTOM - TOP)
     }
 
-    /// The width of one of `count` places.
     fn step(&self, count: usize) -> f64 {
         (WIDTH - LEFT - RIGHT) / count.max(1) as f64
     }
@@ -303,7 +302,6 @@ impl Chart {
         ));
     }
 
-    /// An element with escaped text.
     fn element(&mut self, element: &str) {
         self.body.push_str(element);
     }
@@ -329,7 +327,6 @@ fn nice(step: f64) -> f64 {
     digits.iter().find(fits).unwrap_or(&10.0) * power
 }
 
-/// A number with as many digits as needed.
 fn number(value: f64) -> String {
     let text = match value.abs() {
         size if size >= 1e6 => format!("{value:.3e}"),
@@ -344,7 +341,6 @@ fn number(value: f64) -> String {
     }
 }
 
-/// The start of a long text.
 fn short(text: &str, most: usize) -> String {
     if text.chars().count() > most {
         text.chars().take(most - 1).chain(['…']).collect()

@@ -75,7 +75,7 @@ pub fn verdict(audited: &Audited) -> String {
     text
 }
 
-/// The faults, each with its entry. The texts may hold anything from an entry.
+/// The faults, each with its entry. The texts may hold anything.
 pub fn faults(audited: &Audited) -> Vec<String> {
     let findings = audited.report.findings.iter();
     findings
@@ -84,7 +84,6 @@ pub fn faults(audited: &Audited) -> Vec<String> {
         .collect()
 }
 
-/// A finding with its entry.
 fn placed(finding: &Finding) -> String {
     match finding.index {
         Some(index) => format!("entry {index}: {}", finding.text),

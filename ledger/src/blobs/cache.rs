@@ -17,8 +17,8 @@ pub struct Shrunk {
 }
 
 impl Blobs {
-    /// Removes blobs from the folder until the rest have at most `limit` bytes. Blobs that are not in the store, and those in `needed`,
-    /// stay, perhaps with more bytes.
+    /// Removes blobs from the folder until the rest have at most `limit` bytes. Blobs outside the store, and those in `needed`, stay
+    /// anyway.
     pub fn shrink(&self, limit: u64, needed: &BTreeSet<Digest>) -> Result<Shrunk, BlobError> {
         let Some(kept) = &self.kept else {
             return Ok(Shrunk::default());

@@ -1,4 +1,4 @@
-//! Blobs that are damaged where they are kept. A copy of many blobs names them, and goes on with the others.
+//! Blobs that are damaged where they are kept. A copy of many blobs names them, and goes on.
 
 use super::error::BlobError;
 use super::Blobs;
@@ -6,7 +6,7 @@ use std::fmt;
 use std::io::{self, Read};
 use zk0_circuits::Digest;
 
-/// A blob that is not copied, because it is damaged where it is kept.
+/// A blob that is damaged where it is kept, and so is not copied.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DamagedBlob {
     /// The blob.
@@ -38,7 +38,6 @@ pub struct Removed {
     pub unreadable: Vec<DamagedBlob>,
 }
 
-/// Why a blob is not copied.
 #[derive(Debug)]
 pub(crate) enum CopyError {
     /// Its bytes cannot be read.
@@ -54,7 +53,7 @@ impl From<BlobError> for CopyError {
 }
 
 impl Blobs {
-    /// Stores a blob of at most `limit` bytes from `from`, if it has this digest, and replaces what is there.
+    /// Stores a blob of at most `limit` bytes from `from`, if it has this digest, in place of what is there.
     pub(crate) fn copy_from(
         &self,
         blob: &Digest,
@@ -86,7 +85,7 @@ impl Blobs {
         }
     }
 
-    /// Removes the files of all damaged blobs in the folder. This reads every blob. Unreadable files stay.
+    /// Reads all blobs in the folder, and removes the damaged files. Unreadable files stay.
     pub fn remove_all_damaged(&self) -> Result<Removed, BlobError> {
         let mut done = Removed::default();
         for (blob, _) in self.all_here()? {
@@ -99,7 +98,7 @@ impl Blobs {
         Ok(done)
     }
 
-    /// What `error`, from reading or copying one of these blobs, means for the blob.
+    /// What `error`, from reading or copying one of these blobs, means for it.
     ///
     /// # Errors
     /// The error itself, if it is not about the blob: the store does not answer, or the copy cannot be written.
@@ -121,7 +120,6 @@ impl Blobs {
         }
     }
 
-    /// The blob's file in this folder is damaged.
     pub(crate) fn damaged_here(&self, blob: &Digest, why: String) -> DamagedBlob {
         DamagedBlob {
             blob: *blob,

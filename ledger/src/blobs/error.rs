@@ -67,7 +67,6 @@ impl BlobError {
     }
 }
 
-/// The file system failed at this path.
 pub(crate) fn io_error(path: &Path) -> impl FnOnce(io::Error) -> BlobError + '_ {
     |error| BlobError::Io {
         path: path.into(),

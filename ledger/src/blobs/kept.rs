@@ -1,9 +1,9 @@
-//! Blobs in a store, with the folder as its cache: a blob is in the store before it has its name in the folder, and missing blobs are read
-//! from the store.
+//! Blobs in a store, with the folder as its cache: a blob is in the store before it has its name in the folder. Missing blobs are read from
+//! the store.
 //!
-//! The store is trusted only to keep bytes: whatever comes from it must have the digest in its name. Its list is read once, so that the
-//! question whether a blob exists needs no network. Only the ledger's writer adds to the store. A reader beside it
-//! ([`Blobs::beside_writer`]) asks the store about each blob that is not in the folder.
+//! The store is trusted only to keep bytes: they must have the digest in their name. Its list is read once, so that the question whether a
+//! blob exists needs no network. Only the ledger's writer adds to the store. A reader beside it ([`Blobs::beside_writer`]) asks the store
+//! about each blob that is not in the folder.
 
 use super::entry_objects::EntryStore;
 use super::error::{io_error, BlobError};
@@ -19,7 +19,7 @@ use std::sync::Arc;
 use zk0_circuits::Digest;
 
 impl Blobs {
-    /// The blobs of the ledger in `dir`, which are kept in `store`. Reads the store's list.
+    /// The blobs of the ledger in `dir`, kept in `store`. Reads the store's list.
     pub fn in_store(dir: &Path, store: Box<dyn BlobStore>) -> Result<Self, BlobError> {
         Ok(Self {
             kept: Some(Arc::new(IndexedStore::new(store, false)?)),
@@ -45,7 +45,7 @@ impl Blobs {
         Ok(Amount::of(&self.all_here()?))
     }
 
-    /// What the store holds, as far as this process knows, without waiting; `None` if the folder is the only place.
+    /// What the store holds, as far as this process knows; `None` if the folder is the only place.
     pub fn stored(&self) -> Option<Amount> {
         let kept = self.kept.as_ref();
         kept.map(|kept| Amount::of(&kept.all()))
@@ -61,7 +61,7 @@ impl Blobs {
         self.kept.as_ref().map(|kept| kept.store.entries())
     }
 
-    /// Puts undamaged blobs that are only in the folder into the store, and returns their number. Only for the ledger's writer.
+    /// Puts undamaged blobs that are only in the folder into the store. Returns their number. Only for the ledger's writer.
     pub fn store_all(&self) -> Result<usize, BlobError> {
         let Some(kept) = &self.kept else {
             return Ok(0);
@@ -84,7 +84,7 @@ impl Blobs {
         Ok(stored)
     }
 
-    /// Reads a blob that is not here from the store into the folder, and verifies its digest.
+    /// Reads a blob that is not here from the store into the folder, and verifies it.
     ///
     /// # Errors
     /// There is no such blob, the store fails, or it has other bytes under this name.
@@ -112,7 +112,7 @@ impl Blobs {
         })
     }
 
-    /// The file of a blob. If it is not in the folder, it is read from the store and verified, and does not stay in the folder.
+    /// The file of a blob. If the folder lacks it, it is read from the store and verified, and does not stay.
     pub fn file_once(&self, blob: &Digest) -> Result<File, BlobError> {
         match (self.open_here(blob), &self.kept) {
             (Err(BlobError::Missing(_)), Some(kept)) => {
@@ -124,7 +124,6 @@ impl Blobs {
         }
     }
 
-    /// Reads a blob from the store, and verifies its digest.
     fn read_from(
         &self,
         kept: &IndexedStore,
@@ -167,13 +166,13 @@ impl Blobs {
         }
     }
 
-    /// Removes a blob, here and in the store, once no thread reads it from the store. Only for the ledger's writer.
+    /// Removes a blob, here and in the store, once no thread reads it. Only for the ledger's writer.
     pub fn remove(&self, blob: &Digest) -> Result<(), BlobError> {
         let Some(kept) = &self.kept else {
             return self.remove_here(blob);
         };
         kept.in_turn(blob, || {
-            // In this order, a process that is killed in between leaves a blob that is still listed.
+            // In this order, a killed process leaves a blob that is still listed.
             self.remove_here(blob)?;
             kept.remove(blob)
         })

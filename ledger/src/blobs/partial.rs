@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use zk0_circuits::Digest;
 use zk0_files::atomic_file::folder_of;
 
-/// A blob of which a part is here. The part stays when this is dropped, and can be continued. There must be one writer at a time.
+/// A blob of which a part is here. The part outlives this, and can be continued, by one writer at a time.
 #[derive(Debug)]
 pub struct PartialBlob {
     unfinished: UnfinishedBlob,
@@ -81,7 +81,7 @@ impl PartialBlob {
         self.held
     }
 
-    /// Adds bytes. With more bytes than the blob has, all are removed.
+    /// Adds bytes. If the blob then has too many, all are removed.
     pub fn write(&mut self, bytes: &[u8]) -> Result<(), BlobError> {
         let held = self.held.saturating_add(bytes.len() as u64);
         if held > self.size {
@@ -109,7 +109,6 @@ impl PartialBlob {
         self.unfinished.finish(&self.digest)
     }
 
-    /// Removes its part.
     pub(super) fn discard(mut self) {
         self.unfinished.kept = false;
     }

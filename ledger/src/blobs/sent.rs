@@ -1,8 +1,7 @@
-//! Files that others put into the store, at an address that the store signed for them. They are no blobs yet.
+//! Files that others put into the store, at an address that the store signed for them.
 //!
-//! Anyone with the address can write there until its time is over, also while the file is read. So the file is first copied inside the
-//! store to a name without an address, and only the copy is read and verified. When it becomes a blob, it is copied again, inside the
-//! store, to the blob's name.
+//! Anyone with the address can write there until its time is over, also during a read. So the file is first copied inside the store to a
+//! name without an address. Only the copy is read and verified, and copied again to the blob's name.
 
 use super::error::{io_error, BlobError};
 use super::partial::PartialBlob;
@@ -43,7 +42,7 @@ impl Blobs {
     }
 
     /// Reads a node's file in the store into `partial`, the empty blob of this digest and size, verifies it, and removes the node's file.
-    /// Ends when `stopped` is set. What was read before the store failed stays, as with any upload that is cut.
+    /// Ends when `stopped` is set. What was read before a failure stays, as with any upload.
     ///
     /// # Errors
     /// Nothing is there, or it has another size or digest, or the store fails.
@@ -85,7 +84,7 @@ impl Blobs {
         }
     }
 
-    /// Removes nodes' files of other rounds than `open` from the store, and returns their number.
+    /// Removes nodes' files of other rounds than `open` from the store. Returns their number.
     pub fn remove_sent(&self, open: Option<u64>) -> Result<usize, BlobError> {
         let Some((kept, store)) = self.sent() else {
             return Ok(0);
@@ -121,7 +120,7 @@ impl IndexedStore {
             }
             Some(_) => {}
         }
-        // A slow store may still hold an earlier run's copy. Its number differs, so it is not taken for this one.
+        // A slow store may still hold an earlier run's copy, under another number.
         let number = random_number().map_err(io_error(Path::new(self.address())))?;
         let copy = Unverified::Copied {
             round: sent.round(),

@@ -1,4 +1,4 @@
-//! A store outside the ledger's folder, such as a bucket of S3, in which blobs are kept, and what is known of its content.
+//! A store outside the ledger's folder, such as a bucket of S3, in which blobs are kept, and what is known of it.
 
 use super::entry_objects::EntryStore;
 use super::error::{io_error, BlobError, StoreError};
@@ -20,19 +20,19 @@ pub trait BlobStore: Debug + Send + Sync {
     /// The network that it belongs to; `None` if it names none.
     fn network(&self) -> Result<Option<Digest>, StoreError>;
 
-    /// Names the network that it belongs to, unless it names one. That is durable when this returns. Returns the network that it names now.
+    /// Names the network that it belongs to, durably, unless it names one. Returns the network that it names now.
     fn name_network(&self, network: &Digest) -> Result<Digest, StoreError>;
 
-    /// Stores the `size` bytes of a file under the name of a blob. They are durable when this returns.
+    /// Stores a file's `size` bytes durably under the name of a blob.
     fn put(&self, blob: &Digest, file: &Path, size: u64) -> Result<(), StoreError>;
 
-    /// Gives what is stored under the name of a blob of `size` bytes to `take`, in order. The bytes are not verified.
+    /// Gives the bytes under the name of a blob of `size` bytes to `take`, in order, unverified.
     ///
     /// # Errors
     /// The store has another number of bytes under this name, or nothing, or fails; or `take` fails.
     fn get(&self, blob: &Digest, size: u64, take: Take) -> Result<(), BlobError>;
 
-    /// How many bytes are stored under the name of a blob; `None` if there is no such object.
+    /// How many bytes are under the name of a blob; `None` if there is no such object.
     fn size(&self, blob: &Digest) -> Result<Option<u64>, StoreError>;
 
     /// Removes a blob, if it is there.
@@ -44,31 +44,28 @@ pub trait BlobStore: Debug + Send + Sync {
     /// What it does with the log's entries.
     fn entries(&self) -> &dyn EntryStore;
 
-    /// What it can do for those who put files into it by themselves; `None` if nobody else can.
+    /// Its operations for those who put files into it by themselves; `None` if it has none.
     fn sent(&self) -> Option<&dyn SentStore>;
 }
 
-/// A store, and what is in it.
 #[derive(Debug)]
 pub(super) struct IndexedStore {
     pub(super) store: Box<dyn BlobStore>,
     known: Mutex<BTreeMap<Digest, u64>>,
-    /// The blobs that are being read. Whoever needs one of them waits, and need not read it too.
+    /// Blobs being read. Other threads that need one wait.
     reading: Mutex<BTreeMap<Digest, Arc<Mutex<()>>>>,
-    /// Whether another process may add to the store and remove from it.
+    /// Whether another process may add and remove.
     pub(super) shared: bool,
-    /// What others have put into the store, and is verified.
     pub(super) copies: VerifiedCopies,
     counting: UsageCounter,
 }
 
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    // A panic elsewhere does not spoil these maps: they are never half changed.
+    // A panic elsewhere leaves these maps whole.
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl IndexedStore {
-    /// A store with its list. If `shared`, another process may add and remove.
     pub(super) fn new(store: Box<dyn BlobStore>, shared: bool) -> Result<Self, BlobError> {
         let counting = UsageCounter::default();
         let list = || store.all().map_err(BlobError::from);
@@ -135,7 +132,7 @@ impl IndexedStore {
         })
     }
 
-    /// A blob's size in bytes; `None` if the store does not have it. Asks the store if it is shared.
+    /// A blob's size in bytes; `None` if the store lacks it. Asks the store if it is shared.
     pub(super) fn size(&self, blob: &Digest) -> Result<Option<u64>, BlobError> {
         if !self.shared {
             return Ok(locked(&self.known).get(blob).copied());
@@ -159,7 +156,7 @@ impl IndexedStore {
         self.counting.count(StoreOperation::Get, get, |()| size)
     }
 
-    /// Removes a blob. If that fails, it stays known, so that it can be removed later.
+    /// Removes a blob. If that fails, it stays known, for a later try.
     pub(super) fn remove(&self, blob: &Digest) -> Result<(), BlobError> {
         let remove = || self.store.remove(blob).map_err(BlobError::from);
         self.counting
@@ -183,7 +180,6 @@ impl IndexedStore {
         done
     }
 
-    /// The store has something else under the name of a blob.
     pub(super) fn altered(&self, blob: &Digest, found: String) -> BlobError {
         BlobError::Altered {
             address: self.store.address().into(),

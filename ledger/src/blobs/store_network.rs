@@ -1,5 +1,5 @@
-//! Whose store it is. A store names the network whose blobs it holds. If two networks shared a store, the blobs of each would look to the other as
-//! if no entry named them, and pruning would delete them.
+//! A store names the network whose blobs it holds. If two networks shared a store, no entry of one would name the other's blobs, and
+//! pruning would delete them.
 
 use super::error::StoreError;
 use super::store::IndexedStore;
@@ -25,7 +25,7 @@ pub enum StoreNetworkError {
         dir: PathBuf,
         network: Digest,
     },
-    /// The store names no network, and has blobs, of which none is this ledger's.
+    /// The store names no network, and holds blobs, but none of this ledger.
     #[error("the blob store {address} names no network, and no entry of the ledger in {dir} names one of its {blobs} blobs: name the store of this ledger, or an empty one, such as another prefix of the bucket. If this is the right one, put an object `network` there that holds the id {network}. Nothing was changed there")]
     Stranger {
         address: String,
@@ -42,8 +42,8 @@ pub enum StoreNetworkError {
 }
 
 impl Blobs {
-    /// Compares the network that the store names, if the blobs are kept in one, with that of the ledger in the folder, if there is one. If the store
-    /// names no network, the ledger's writer makes it name this one. For that, the store has to be empty, or to hold a blob of the ledger.
+    /// Compares the network that the store names, if there is a store, with that of the ledger in the folder, if there is one. If the store
+    /// names none, the ledger's writer makes it name this one. For that, the store must be empty, or hold a blob of the ledger.
     ///
     /// # Errors
     /// The store is not this ledger's, or does not answer; or the ledger cannot be read.

@@ -9,13 +9,12 @@ use std::io;
 use std::path::{Path, PathBuf};
 use zk0_files::random_number::random_number;
 
-/// An unused path in the folder.
 fn unused(folder: &Path) -> Result<PathBuf, BlobError> {
     let number = random_number().map_err(io_error(folder))?;
     Ok(folder.join(format!("{number:016x}")))
 }
 
-/// Makes a file in the existing folder. No other process removes it while it is open.
+/// Makes a file in the folder. No other process removes it while it is open.
 pub(super) fn create(folder: &Path) -> Result<(PathBuf, File), BlobError> {
     loop {
         let path = unused(folder)?;
@@ -29,8 +28,8 @@ pub(super) fn create(folder: &Path) -> Result<(PathBuf, File), BlobError> {
     }
 }
 
-/// Gives the file `from` a second name in the folder, or copies it if the file system cannot. Only for the ledger's writer, because no
-/// second name is locked.
+/// Gives the file `from` a second name in the folder, or copies it if the file system cannot. Only for the ledger's writer, because second
+/// names are not locked.
 pub(super) fn link(folder: &Path, from: &Path) -> Result<(PathBuf, File), BlobError> {
     let mut file = File::open(from).map_err(io_error(from))?;
     let path = unused(folder)?;
@@ -48,7 +47,7 @@ pub(super) fn link(folder: &Path, from: &Path) -> Result<(PathBuf, File), BlobEr
     }
 }
 
-/// Removes what killed processes left in the folder. No other process may call [`link`] meanwhile.
+/// Removes what killed processes left. No other process may call [`link`] meanwhile.
 pub(super) fn remove(folder: &Path) -> Result<(), BlobError> {
     let found = match fs::read_dir(folder) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),

@@ -61,7 +61,7 @@ impl FromStr for Unverified {
     }
 }
 
-/// Operations of a store on objects that are no blobs yet. Each waits for the network, for a bounded time.
+/// A store's operations on objects that are no blobs yet. Each waits for the network, for a bounded time.
 pub trait SentStore: Send + Sync {
     /// An address for putting this object (HTTP, `PUT`), valid for this time.
     fn address(&self, object: &Unverified, valid: Duration) -> Result<String, StoreError>;
@@ -88,7 +88,7 @@ pub trait SentStore: Send + Sync {
     fn all(&self) -> Result<Vec<Unverified>, StoreError>;
 }
 
-/// The copies in the store whose digest is verified, and which are no blobs yet.
+/// The copies in the store with verified digests, which are no blobs yet.
 #[derive(Debug, Default)]
 pub(super) struct VerifiedCopies {
     verified: Mutex<BTreeMap<Digest, Unverified>>,
@@ -112,7 +112,7 @@ impl VerifiedCopies {
         self.verified().retain(|_, copy| !these(copy));
     }
 
-    /// Makes a blob of `size` bytes of its verified copy. Returns whether there was one.
+    /// Makes a blob of `size` bytes of its verified copy, if there is one. Returns whether it did.
     pub fn make_blob(&self, store: Option<&dyn SentStore>, blob: &Digest, size: u64) -> bool {
         let copy = self.verified().remove(blob);
         let (Some(store), Some(copy)) = (store, copy) else {

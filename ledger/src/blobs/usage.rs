@@ -1,4 +1,4 @@
-//! Counts requests to a store and its answers, for monitoring.
+//! Counts a store's requests and answers, for monitoring.
 
 use super::error::BlobError;
 use std::sync::{Mutex, PoisonError};
@@ -43,7 +43,7 @@ pub struct RequestCount {
     pub done: u64,
     /// It failed, and trying again did not help.
     pub failed: u64,
-    /// It had something else under the blob's name, or nothing.
+    /// It had something else, or nothing, under the blob's name.
     pub altered: u64,
     /// Bytes of the blobs that were stored or read.
     pub bytes: u64,
@@ -55,7 +55,7 @@ pub struct RequestCount {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Usage {
     counts: [RequestCount; StoreOperation::ALL.len()],
-    /// Since when it has failed, without an answer between.
+    /// Since when it has failed without an answer.
     failing: Option<Instant>,
 }
 
@@ -97,7 +97,7 @@ impl UsageCounter {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Does `work`, which asks the store, and counts it with the `bytes` of a blob that it moved.
+    /// Does `work`, which asks the store, and counts it, with the `bytes` of a blob that it moved.
     pub(super) fn count<T>(
         &self,
         operation: StoreOperation,

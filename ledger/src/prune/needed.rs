@@ -37,16 +37,15 @@ pub struct Older {
 /// The blobs that are needed, gathered entry by entry.
 pub struct Needed {
     older: Older,
-    /// The number of the open round.
     open: Option<u64>,
-    /// The round that the entries have come to, and what it started from.
+    /// The round of the last entry, and what it started from.
     round: u64,
     base: Option<Digest>,
-    /// The moments that the next round goes on from, and those computed of this one.
+    /// The moments that the next round starts from, and those computed of this one.
     moments: Option<Digest>,
     computed: Option<Digest>,
     needed: BTreeSet<Digest>,
-    /// Other blobs of the entries. If also needed, they are kept.
+    /// The entries' other blobs. If also needed, they are kept.
     others: BTreeMap<Digest, Reason>,
 }
 
@@ -145,12 +144,11 @@ impl Needed {
         }
     }
 
-    /// Whether the weights of the present round are kept.
     fn keeps_weights(&self) -> bool {
         self.round >= self.older.before || !self.older.without_weights
     }
 
-    /// Records a needed blob, or the reason of another. An audit's reason counts more.
+    /// Records a needed blob, or why another one was there. An audit's reason counts more.
     fn take(&mut self, needed: bool, blob: Digest, reason: Reason) {
         if needed {
             self.needed.insert(blob);

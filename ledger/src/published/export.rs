@@ -1,5 +1,5 @@
 //! Exports a ledger as plain files in the tlog-tiles layout, for any web server or archive. [`crate::published::mirror`] makes a ledger of
-//! them again.
+//! them.
 
 use crate::blobs::damaged::DamagedBlob;
 use crate::blobs::BlobError;
@@ -21,9 +21,9 @@ pub struct Exported {
     pub tiles: u64,
     /// Blobs written.
     pub blobs: u64,
-    /// Public blobs that the ledger's folder lacks.
+    /// Public blobs that the folder lacks.
     pub missing_blobs: u64,
-    /// Damaged public blobs, which were not written.
+    /// Damaged public blobs, not written.
     pub damaged: Vec<DamagedBlob>,
 }
 
@@ -42,7 +42,7 @@ pub enum ExportError {
     /// The export cannot be written.
     #[error(transparent)]
     Place(#[from] PlaceError),
-    /// A ledger's folder holds the open round's blobs, which readers of an export must not see yet.
+    /// A ledger's folder holds the open round's blobs, which are not public yet.
     #[error("{0} is a ledger's folder: choose another folder for the export")]
     IsLedger(PathBuf),
     /// The place has another log's export.
@@ -63,8 +63,8 @@ pub fn export(view: &Publication, out: &Path) -> Result<Exported, ExportError> {
     export_to(view, &mut folder)
 }
 
-/// Writes what `view` publishes to `place`, or updates the same log's older export. The checkpoint is written last, so a reader finds all
-/// that it covers.
+/// Writes what `view` publishes to `place`, or updates an older export of the log. The checkpoint comes last, so a reader finds all that it
+/// covers.
 pub fn export_to(
     view: &Publication,
     place: &mut dyn ExportTarget,
@@ -96,7 +96,7 @@ pub fn export_to(
             Err(error) => exported.damaged.push(blobs.damage(blob, error)?),
             Ok(file) => match place.put_blob(blob, file) {
                 Ok(()) => exported.blobs += 1,
-                // A damaged blob does not hold back the rest.
+                // The rest is exported all the same.
                 Err(PlaceError::Unreadable(error)) => {
                     let damaged = blobs.damaged_here(blob, error.to_string());
                     exported.damaged.push(damaged);

@@ -26,7 +26,7 @@ pub trait ExportTarget {
     /// Writes or replaces a file. Returns false if a whole file stayed.
     fn put(&mut self, resource: &Resource, bytes: &[u8]) -> Result<bool, PlaceError>;
 
-    /// Writes a blob, unless `file`'s bytes do not have its digest ([`BlobError::WrongDigest`]) or cannot be read
+    /// Writes a blob, unless `file`'s bytes have another digest ([`BlobError::WrongDigest`]) or cannot be read
     /// ([`PlaceError::Unreadable`]).
     fn put_blob(&mut self, blob: &Digest, file: File) -> Result<(), PlaceError>;
 }
@@ -65,7 +65,7 @@ impl ExportFolder {
         }
     }
 
-    /// Removes what killed exports left behind.
+    /// Removes what killed exports left.
     pub(crate) fn remove_unfinished(&self) -> Result<(), PlaceError> {
         Ok(self.blobs.remove_unfinished()?)
     }

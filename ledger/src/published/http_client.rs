@@ -41,8 +41,7 @@ enum RequestTimeout {
 }
 
 impl HttpClient {
-    /// A client that trusts these authorities, and gives up a request after `timeout`. If the system has no authorities, only TLS requests
-    /// fail.
+    /// A client that trusts these authorities, and gives up a request after `timeout`. If the system has none, only TLS requests fail.
     ///
     /// # Errors
     /// The file of authorities is unusable.
@@ -50,7 +49,7 @@ impl HttpClient {
         Self::checked(authorities, RequestTimeout::Whole(timeout))
     }
 
-    /// Like [`Self::new`], for files of any size: gives up after `silence` without a byte.
+    /// [`Self::new`], for files of any size: gives up after `silence` without a byte.
     ///
     /// # Errors
     /// The file of authorities is unusable.
@@ -96,7 +95,7 @@ impl HttpClient {
         let connecting = whole.or(part).map(|time| time.min(CONNECTING));
         let agent = ureq::Agent::config_builder()
             .tls_config(tls)
-            // A named authority also means that redirects must stay encrypted.
+            // A named authority also means encrypted redirects.
             .https_only(authorities.file().is_some())
             .timeout_global(whole)
             .timeout_resolve(part.and(connecting))

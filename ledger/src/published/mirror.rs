@@ -1,9 +1,9 @@
-//! Mirrors: a ledger's folder made or updated from a published log, without a signing key. An auditor can replay it anywhere, even after
-//! the operator is gone.
+//! Mirrors: a ledger's folder made or updated from a published log, without a signing key. An auditor can replay it anywhere, even when the
+//! operator is gone.
 //!
 //! Everything is verified: the newest checkpoint by its signatures and the policy, every entry by its place in the signed tree, every
-//! checkpoint by its signature and root, and every blob that is copied by its digest. The log has to continue what was mirrored before. If it has
-//! forked, or is behind, the folder stays as it is.
+//! checkpoint by its signature and root, and every copied blob by its digest. If the log does not continue what was mirrored before,
+//! because it has forked or is behind, the folder stays as it is.
 
 use crate::blobs::damaged::{CopyError, DamagedBlob};
 use crate::blobs::{BlobError, Blobs};
@@ -45,11 +45,11 @@ pub struct Mirrored {
     pub new_entries: u64,
     /// Fetched blobs.
     pub new_blobs: u64,
-    /// Blobs that entries name and the log does not serve: not public yet, or not kept.
+    /// Blobs that entries name, but the log does not serve: not public yet, or not kept.
     pub missing_blobs: u64,
     /// Damaged blobs of the mirror that were copied again.
     pub mended_blobs: u64,
-    /// Damaged blobs of the source, which were not copied. A served log causes an error instead.
+    /// Damaged blobs of the source, not copied. A served log causes an error instead.
     pub damaged: Vec<DamagedBlob>,
 }
 
@@ -90,7 +90,7 @@ pub enum MirrorError {
     #[error("the checkpoint after entry {index}: {why}")]
     Checkpoint { index: u64, why: String },
     /// The served statement about pruned blobs covers more entries than the checkpoint. An export writes the statement first, so this
-    /// passes when the export ends, and is no verdict. In a mirror, it would be a lasting fault.
+    /// passes when the export ends, and is no verdict. In a mirror, the fault would last.
     #[error(
         "the log is being updated: its statement about pruned blobs is about {entries} entries, but the checkpoint is of {size}. Try again \
          later. If this stays, an update of the log was interrupted, or entries are gone: ask its operator to export the log again"
@@ -120,9 +120,9 @@ impl From<BlobError> for MirrorError {
     }
 }
 
-/// Mirrors the log in `source` to the folder `dir`. With `network`, the log must be of that network; otherwise the first mirroring accepts
-/// its network. `policy`, or else the network's rules, name the cosignatures that the checkpoint needs. The rules are in the entries, so
-/// these are stored even without a quorum, but the checkpoint is not.
+/// Mirrors the log in `source` to the folder `dir`. The log must be of `network`; without it, the first mirroring accepts any. `policy`, or
+/// else the network's rules, name the cosignatures that the checkpoint needs. The rules are in the entries, so these are stored even
+/// without a quorum, but the checkpoint is not.
 pub fn mirror(
     source: &dyn LogSource,
     dir: &Path,
@@ -139,7 +139,7 @@ pub(crate) fn mirror_with(
     policy: Option<&WitnessPolicy>,
     network: Option<&Digest>,
 ) -> Result<Mirrored, MirrorError> {
-    // Otherwise a killed import may have left part of a database, and this import makes a new one.
+    // A killed import may have left part of a database. This one then makes a new one.
     let begun = Store::is_in(&folder::database(dir));
     let known = if begun {
         Store::open_read_only(&folder::database(dir))?.entry(0)?
@@ -201,7 +201,7 @@ pub(crate) fn mirror_with(
         folder::write_policy(dir, &policy)?;
         folder::write_cosigned(dir, log.text())?;
     } else if !named && has_ruled_policy(dir, &store)? {
-        // The rules have dropped the witnesses, whose last checkpoint would be published for ever.
+        // The rules have dropped the witnesses: their last checkpoint would be published for ever.
         folder::remove_policy(dir)?;
     }
     match (pruned, blob_source) {
@@ -246,7 +246,6 @@ pub(crate) fn keep_pruning(
     Ok(pruned::keep_newer(dir, genesis, signed)?)
 }
 
-/// The served statement about pruned blobs, if there is one.
 fn served_pruning(
     source: &dyn LogSource,
     genesis: &Genesis,
@@ -345,7 +344,6 @@ fn extend(
     Ok(())
 }
 
-/// Checks that the log signed this tree.
 pub(crate) fn check_checkpoint(
     text: &[u8],
     genesis: &Genesis,
@@ -363,7 +361,7 @@ pub(crate) fn check_checkpoint(
     }
 }
 
-/// Copies the blobs that the entries of the copy name, and adds to `done` what became of them.
+/// Copies the blobs that the entries of the copy name. Adds to `done` what became of them.
 pub(crate) fn copy_blobs(
     source: &BlobSource<'_>,
     store: &Store,
@@ -411,7 +409,6 @@ pub(crate) fn copy_blobs(
 }
 
 impl BlobSource<'_> {
-    /// What is wrong with a copied blob, if that is checked.
     fn damage_of_copy(
         &self,
         copies: &Blobs,

@@ -33,7 +33,6 @@ pub(super) const LEAST_BYTES: u64 = 16 << 20;
 /// ... within this time of waiting.
 pub(super) const WITHIN: Duration = Duration::from_secs(600);
 
-/// What went wrong, for the choice of the next try.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum FailedRequest {
     /// It may pass, perhaps at the server's time `again`.
@@ -120,7 +119,6 @@ mod tests {
             waits(&mut patience, FailedRequest::Unavailable),
             [500, 1000]
         );
-        // What went wrong between does not matter.
         assert_eq!(patience.next_wait(BROKEN), Some(WAITS[2]));
         assert_eq!(patience.next_wait(FailedRequest::Unavailable), None);
         assert_eq!(

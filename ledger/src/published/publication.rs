@@ -1,9 +1,8 @@
-//! What a ledger's folder publishes now: one checkpoint, and all that is public up to it. The export and the log's server hand out nothing
+//! What a ledger's folder publishes now: one checkpoint, and all that is public up to it. The export and the log's server serve nothing
 //! else.
 //!
-//! If the network's rules or the folder's policy require witnesses, the published checkpoint is the newest one with its quorum of
-//! cosignatures. Later entries are on disk, but not published. Blobs of an open round are not public yet
-//! ([`zk0_protocol::rules::disclosed_blobs`]).
+//! If the rules or the folder's policy require witnesses, the published checkpoint is the newest one with its quorum of cosignatures. Later
+//! entries, and blobs of an open round, are not public yet ([`zk0_protocol::rules::disclosed_blobs`]).
 
 use crate::blobs::{BlobError, Blobs};
 use crate::error::LedgerError;
@@ -46,7 +45,6 @@ struct Texts {
     cosigned: Option<Vec<u8>>,
 }
 
-/// Gathered from a log's first entries.
 #[derive(Clone, Default)]
 struct GatheredEntries {
     size: u64,
@@ -78,7 +76,7 @@ pub enum PublicationError {
 }
 
 impl Publication {
-    /// What `dir` publishes now, perhaps beside a writer. Entries in the older view `before` are not read again.
+    /// What `dir` publishes now, perhaps beside a writer. Does not read entries of the older view `before` again.
     pub fn open(dir: &Path, before: Option<&Self>) -> Result<Self, PublicationError> {
         let path = folder::database(dir);
         if !path.exists() {
@@ -91,7 +89,7 @@ impl Publication {
             _ => return Err(LedgerError::NoLedger(dir.into()).into()),
         };
         let held = store.size()?;
-        // The entries up to a checkpoint hold the rules about its cosignatures.
+        // The entries up to a checkpoint have the rules for its cosignatures.
         let gathered_from = |file: &Path,
                              text: &[u8]|
          -> Result<(GatheredEntries, WitnessPolicy), PublicationError> {
@@ -179,12 +177,12 @@ impl Publication {
         self.store.root(size)
     }
 
-    /// The blobs that are public, kept or not.
+    /// The public blobs, kept or not.
     pub fn public_blobs(&self) -> impl Iterator<Item = &Digest> {
         self.gathered.disclosed.public()
     }
 
-    /// How many bytes a public blob has; `None` if it is not public, or is not kept. The store of the blobs is not read.
+    /// A public blob's size in bytes; `None` if it is not public, or not kept. Does not read the store.
     pub fn blob_size(&self, blob: &Digest) -> Option<u64> {
         self.is_public(blob).then(|| self.blobs.size(blob))?
     }
@@ -226,7 +224,6 @@ impl Publication {
     }
 }
 
-/// A folder can be read like any published log.
 impl LogSource for Publication {
     fn open(&self, path: &str) -> Result<Option<Box<dyn Read>>, SourceError> {
         let failed = |error: String| SourceError::new(path, error);

@@ -1,5 +1,5 @@
-//! Reads a published log without trust in its server. Every tile is verified by the signed root, every entry by its leaf, and every newer
-//! checkpoint by the older one.
+//! Reads a published log without trust in its server. The signed root verifies every tile, the leaf every entry, and the older checkpoint
+//! every newer one.
 
 use crate::published::source::{LogSource, SourceError};
 use std::cell::RefCell;
@@ -45,13 +45,13 @@ pub enum PublishedError {
     /// The bytes are not a bundle, or its entries are not the tree's.
     #[error("{path}: {why}")]
     Bundle { path: String, why: String },
-    /// The log shows an older checkpoint than it signed before. That proves nothing: it may be an old copy, as from a cache.
+    /// The log shows an older checkpoint than before. That proves nothing: it may be an old copy, as from a cache.
     #[error(
         "the log is behind: it shows a checkpoint of {published} entries, and it signed one of {known} entries before. This may be an old copy, \
          as from a cache, so nothing is changed. Try again later; if this stays, the log was rolled back"
     )]
     Behind { published: u64, known: u64 },
-    /// The log has another history than it signed before.
+    /// The log's history differs from what it signed before.
     #[error("FORKED: the first {size} entries of the log have root {found}, but it signed root {known} before")]
     Forked {
         size: u64,
@@ -100,10 +100,10 @@ impl<'a> PublishedLog<'a> {
         &self.text
     }
 
-    /// Checks that the log continues `known`, a checkpoint that it signed before: no entry is missing, and none has changed.
+    /// Checks that the log continues `known`, a checkpoint that it signed before.
     ///
     /// # Errors
-    /// [`PublishedError::Behind`] if `known` is larger. Who has its tree can tell whether the log has forked.
+    /// [`PublishedError::Behind`] if `known` is larger. With its tree, a reader can tell whether the log has forked.
     pub fn continues(&self, known: &Checkpoint) -> Result<(), PublishedError> {
         let size = self.checkpoint.size;
         if known.size > size {
@@ -159,7 +159,7 @@ impl<'a> PublishedLog<'a> {
         }
     }
 
-    /// The served checkpoints after bundle `number`'s entries, unverified. `None` after an entry within a group.
+    /// The served checkpoints after bundle `number`'s entries, unverified. `None` within a group.
     pub fn checkpoints(&self, number: u64) -> Result<Vec<Option<Vec<u8>>>, PublishedError> {
         let (_, texts) = self.bundle(TileKind::Checkpoints, number)?;
         let there = |text: Vec<u8>| (!text.is_empty()).then_some(text);
@@ -219,7 +219,7 @@ impl<'a> PublishedLog<'a> {
     }
 }
 
-/// A published log's first entry, unverified. Its genesis names the log's key. A reader compares it with the network's id, or accepts it.
+/// A published log's first entry, unverified. Its genesis names the log's key. The reader compares it with the network's id, or accepts it.
 pub fn first_entry(source: &dyn LogSource) -> Result<Vec<u8>, PublishedError> {
     let path = Resource::Checkpoint.to_string();
     let text = source
@@ -250,7 +250,7 @@ fn read_bundle(
         .collect())
 }
 
-/// Fetches a tile, or the full one if the log has grown and a partial one is gone.
+/// Fetches a tile, or the full one if a partial one is gone because the log has grown.
 fn fetch(
     source: &dyn LogSource,
     tile: Tile,

@@ -6,7 +6,7 @@ use tlog_tiles::tlog::{stored_hash_index, HashReader};
 use zk0_protocol::tlog::bundle::{push, BundleError};
 use zk0_protocol::tlog::layout::{Tile, TileKind, TILE_HEIGHT};
 
-/// The bytes of `tile`, if the log of `store`'s first `size` entries has it. They are the same for every size.
+/// The bytes of `tile`, if the log of `store`'s first `size` entries has it. Every size has the same.
 pub fn read(store: &Store, size: u64, tile: &Tile) -> Result<Option<Vec<u8>>, LedgerError> {
     if !tile.is_in(size) {
         return Ok(None);

@@ -25,7 +25,7 @@ impl Web {
     /// system's.
     ///
     /// # Errors
-    /// The address is invalid, or not encrypted despite `ca`, or the file holds no certificate.
+    /// The address is invalid, or not encrypted despite `ca`; or the file holds no certificate.
     pub fn at(url: &str, ca: Option<&Path>) -> Result<Self, SourceError> {
         let encrypted = url.starts_with("https://");
         if !(encrypted || url.starts_with("http://")) {
@@ -79,7 +79,6 @@ mod tests {
         answer("200 OK\ncontent-length: 300", &file()[..come])
     }
 
-    /// The file from one byte on, cut at another.
     fn rest(from: usize, to: usize) -> Vec<u8> {
         let left = LENGTH - from;
         let head = format!(

@@ -1,5 +1,5 @@
-//! Reads a file of a served log to its end. After a broken connection or a passing failure, the reader asks for what is missing. The caller
-//! verifies the bytes by their digest or signature.
+//! Reads a file of a served log to its end. After a broken connection or a passing failure, it asks for the rest. The caller verifies the
+//! bytes.
 
 use crate::published::http_client::{HttpClient, HttpError};
 use crate::published::patience::{FailedRequest, RetryBudget, LEAST_BYTES, WITHIN};
@@ -14,22 +14,18 @@ use zk0_protocol::quote::short;
 /// How much is read of a refusal's text.
 const MAX_REASON_BYTES: u64 = 1 << 10;
 
-/// A file under an address.
 pub(super) struct WebFile {
     client: HttpClient,
     url: String,
-    /// The newest answer.
     body: Box<dyn Read>,
-    /// How many of its first bytes are here already, because the server cannot send a rest.
+    /// How many of its first bytes are here, because the server cannot send a rest.
     skip: u64,
-    /// Bytes read.
     at: u64,
     /// The file's length, once the server has named it.
     length: Option<u64>,
     patience: RetryBudget,
 }
 
-/// A file cannot be read to its end.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum WebError {
     #[error(transparent)]
@@ -77,8 +73,8 @@ impl WebError {
 }
 
 impl WebFile {
-    /// Asks for the file at `url`; `None` if the server has none. `answered` records whether the server has ever answered. Until then, its
-    /// address may be wrong, and it is not asked again.
+    /// Asks for the file at `url`; `None` if the server has none. `answered` records whether the server has ever answered. Until then, the
+    /// address may be wrong, so it is not asked again.
     pub fn open(
         client: HttpClient,
         url: String,
@@ -111,7 +107,7 @@ impl WebFile {
         }
     }
 
-    /// Asks for what is missing. Returns whether the server has the file.
+    /// Asks for the rest. Returns whether the server has the file.
     fn ask(&mut self) -> Result<bool, WebError> {
         let response = self.client.get_from(&self.url, self.at)?;
         let sent = header(&response, "content-length").and_then(|length| length.parse().ok());
@@ -231,7 +227,7 @@ fn length_of(range: &str, at: u64, sent: Option<u64>) -> Option<u64> {
     fits.then_some(length)
 }
 
-/// A server's text instead of a file, which helps if the port speaks TLS.
+/// A server's text instead of a file. It helps if the port speaks TLS.
 fn refusal(status: u16, mut response: Response<Body>) -> WebError {
     let again = header(&response, "retry-after").and_then(|seconds| seconds.parse().ok());
     let reported = response.body_mut().with_config().limit(MAX_REASON_BYTES);

@@ -1,4 +1,4 @@
-//! An auditor's replay: the caller's checks of each entry, what an earlier replay verified, and what is saved for a later one.
+//! An auditor's replay: the caller's checks of each entry, and what earlier replays verified and later ones may use.
 
 use super::chunk::Chunk;
 use super::database::{self, OpenedDatabase};
@@ -55,7 +55,7 @@ struct Auditing<'a> {
     findings: Vec<Finding>,
     /// Entries that an earlier replay verified, perhaps with the same findings.
     before: u64,
-    /// The entries of `keep`'s file, if this replay does not start there. The file stays until as many are verified.
+    /// The entries of `keep`'s file, if this replay starts elsewhere. The file stays until as many are verified.
     known_size: u64,
 }
 
@@ -114,7 +114,7 @@ impl Auditing<'_> {
         Ok(())
     }
 
-    /// Checks that the log has an earlier replay's root at that size, and returns that tree.
+    /// Checks that the log has an earlier replay's root at that size. Returns that tree.
     fn check_continues(&self, store: &Store, saved: &SavedReplay) -> Result<Frontier, Finding> {
         let fault = |text: String| Finding::fault(None, text);
         let founder = Chunk::read(store, 0..1, None);
@@ -172,7 +172,7 @@ impl Auditing<'_> {
             findings: &self.findings,
             recheck: self.recheck.save(),
         };
-        // A later write may succeed, when the disk has room again. The last one counts.
+        // A later write may succeed, when the disk has room. The last one counts.
         let written = saving.write(&keep.path);
         self.unsaved = written.err().map(|error| error.to_string());
         self.kept = Instant::now();

@@ -1,4 +1,4 @@
-//! The part of a replay that needs only one entry: reading, decoding, verifying signatures. Several threads do it at once.
+//! The part of a replay that needs only one entry: reading, decoding, verifying signatures. Several threads do it.
 
 use super::stopped::Stopped;
 use crate::store::Store;
@@ -15,9 +15,9 @@ pub const CHUNK: u64 = 256;
 
 /// Consecutive entries, read and decoded.
 pub struct Chunk {
-    /// The entries before the first that cannot be read.
+    /// The entries before the first unreadable one.
     pub items: Vec<Item>,
-    /// Why that one cannot be read.
+    /// Why that one is unreadable.
     pub broken: Option<Stopped>,
 }
 

@@ -1,4 +1,4 @@
-//! A writer's history. Before a log signs more, its writer verifies all entries, and compares them with what the log signed.
+//! A writer's history. Before a writer signs more, it verifies all entries, and compares them with what the log signed.
 
 use super::database;
 use super::relay;
@@ -12,7 +12,7 @@ use zk0_circuits::Digest;
 use zk0_protocol::tlog::checkpoint::Checkpoint;
 
 /// Verifies all of `store`, the database in `dir`: entries by the rules, tree hashes, checkpoints, and the root at the size of `published`,
-/// the checkpoint file's content. With `network`, the ledger must be of that network.
+/// the checkpoint file's content. `network` is the network that it must be of.
 pub fn verify(
     store: &Store,
     dir: &Path,

@@ -1,4 +1,4 @@
-//! The replayed database. Its newest checkpoint must be the published one, and it must hold exactly what a log of its size holds.
+//! The replayed database. Its newest checkpoint must be the published one, and it must hold exactly a log of its size.
 
 use crate::error::LedgerError;
 use crate::folder;
@@ -21,7 +21,7 @@ impl OpenedDatabase {
     }
 }
 
-/// Opens a database whose newest checkpoint is the published one. It tries again if a writer seems to be using the database.
+/// Opens a database whose newest checkpoint is the published one. Tries again if a writer seems to use it.
 pub fn open_published(dir: &Path) -> Result<OpenedDatabase, LedgerError> {
     const PAUSE: Duration = Duration::from_millis(20);
     let path = folder::database(dir);
@@ -36,7 +36,7 @@ pub fn open_published(dir: &Path) -> Result<OpenedDatabase, LedgerError> {
             Ok(_) => return opened,
             Err(_) => PAUSE,
         });
-        // The next try can succeed if a writer has just committed or published.
+        // A writer may just have committed or published.
         let between = matches!(&opened, Err(LedgerError::OtherPublished { published, size, .. })
             if published < size);
         patience -= 1;
@@ -46,7 +46,7 @@ pub fn open_published(dir: &Path) -> Result<OpenedDatabase, LedgerError> {
     }
 }
 
-/// Whether the ledger may be whole despite this error: it is unreadable now, or its import was killed before any write, or its writer was
+/// Whether the ledger may be whole despite this error: it is unreadable now; its import was killed before any write; or its writer was
 /// killed between committing a group and publishing the checkpoint, which is then an earlier one of the database. All else is a fault.
 pub fn is_unread(dir: &Path, error: &LedgerError) -> bool {
     match error {
@@ -69,7 +69,6 @@ fn open_once(dir: &Path, path: &Path) -> Result<OpenedDatabase, LedgerError> {
     let store = Store::open_read_only(path)?;
     let size = store.size()?;
     if size == 0 {
-        // A published checkpoint means that there were entries.
         return Err(match published {
             None => LedgerError::Unfinished(dir.into()),
             Some(_) => LedgerError::NoLedger(dir.into()),
@@ -78,7 +77,7 @@ fn open_once(dir: &Path, path: &Path) -> Result<OpenedDatabase, LedgerError> {
     let Some(published) = published else {
         return Err(LedgerError::NoCheckpoint(folder::checkpoint(dir)));
     };
-    // A writer commits before it publishes. If it has published meanwhile, our checkpoint is in the database, perhaps not as the newest.
+    // A writer commits before it publishes. If it has published meanwhile, our checkpoint is in the database, perhaps not the newest.
     let at_work = folder::read_checkpoint(dir)?.as_ref() != Some(&published);
     let claimed = claimed_size(&published).unwrap_or_default();
     let at = if at_work { claimed } else { size };
@@ -93,7 +92,7 @@ fn open_once(dir: &Path, path: &Path) -> Result<OpenedDatabase, LedgerError> {
     }
 }
 
-/// The size that a checkpoint's text claims, not verified.
+/// The size that a checkpoint's text claims, unverified.
 fn claimed_size(text: &[u8]) -> Option<u64> {
     let line = text.split(|byte| *byte == b'\n').nth(1)?;
     std::str::from_utf8(line).ok()?.parse().ok()

@@ -1,5 +1,4 @@
-//! Files that are missing of contributions that the open round has accepted. The round cannot close without them. When it has closed, only audits
-//! need them.
+//! Missing files of contributions that the open round has accepted. The round cannot close without them. Later, only audits need them.
 
 use super::continuing;
 use crate::blobs::Blobs;
@@ -13,7 +12,7 @@ use zk0_protocol::entries::entry::{Body, Entry};
 use zk0_protocol::entries::signed::Submission;
 use zk0_protocol::rules::named_blobs::BlobKind;
 
-/// A file of an accepted contribution to the open round that is neither in the ledger's folder nor in the store of its blobs.
+/// A file of an accepted contribution to the open round that is neither in the ledger's folder nor in the store.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MissingFile {
     /// The open round.
@@ -45,8 +44,8 @@ impl fmt::Display for MissingFile {
     }
 }
 
-/// The files that are missing of accepted contributions to the open round of the ledger in `dir`, ordered by node. Blobs are only looked for, and
-/// not read. The history is replayed only if one is missing.
+/// The missing files of accepted contributions to the open round of the ledger in `dir`, ordered by node. Blobs are only looked for. The
+/// history is replayed only if one is missing.
 ///
 /// # Errors
 /// The ledger cannot be read, or its history is not valid.
@@ -73,14 +72,13 @@ pub fn missing_files(dir: &Path, blobs: &Blobs) -> Result<Vec<MissingFile>, Ledg
         return Ok(missing);
     }
     let history = continuing::verify(&store, dir, None, published.as_deref(), &mut ())?;
-    // What is accepted need not count for ever.
+    // An accepted contribution need not count for ever.
     let counted = history.state().contributors();
     missing.retain(|file| counted.iter().any(|one| one.node == file.node));
     missing.sort_by_key(|file| file.node);
     Ok(missing)
 }
 
-/// The files of a contribution.
 fn files(submission: &Submission) -> [MissingFile; 2] {
     let terms = &submission.claim.terms;
     let file = |kind, digest| MissingFile {

@@ -1,8 +1,8 @@
 //! The replay reads a ledger's folder from the first byte and verifies everything. An auditor's replay reports; a writer's replay goes on.
 //!
-//! Several threads do the part that needs only one entry ([`chunk`]). The part that needs earlier entries ([`verified`]) is done in order,
-//! by one thread at a time. Each thread holds one chunk, so only the network's state grows with the log. The result does not depend on the
-//! number of threads.
+//! Several threads do the part that needs only one entry ([`chunk`]). One thread at a time does, in order, the part that needs earlier
+//! entries ([`verified`]). Each thread holds one chunk, so only the network's state grows with the log. The number of threads does not
+//! change the result.
 //!
 //! - [`relay`]: the threads; [`database`]: how an auditor opens the database, and its keys; [`stopped`]: why a replay stops;
 //! - [`continuing`]: a writer's replay; [`missing_files`]: what the open round lacks;

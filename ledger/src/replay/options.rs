@@ -15,13 +15,13 @@ pub struct ReplayOptions<'a> {
     pub opened: Option<OpenedDatabase>,
     /// The log must be of this network.
     pub network: Option<Digest>,
-    /// The number of threads. Default: the cores and one, because one may be waiting for its turn.
+    /// The number of threads. Default: the cores and one, because one may wait for its turn.
     pub threads: Option<NonZeroUsize>,
     /// Called now and then with the numbers of verified and of all entries.
     pub progress: Option<&'a (dyn Fn(u64, u64) + Sync)>,
     /// An earlier replay to go on from. The log must continue it.
     pub from: Option<SavedReplay>,
-    /// An earlier replay with other checks of the caller. This one starts over, and the log must continue the earlier one.
+    /// An earlier replay with other checks of the caller. This one starts over. The log must continue the earlier one.
     pub known: Option<SavedReplay>,
     /// What the caller has seen of the log, saved or not. The log must continue it.
     pub seen: Option<Checkpoint>,

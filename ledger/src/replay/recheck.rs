@@ -5,7 +5,7 @@ use crate::blobs::Blobs;
 use zk0_protocol::pruning::Pruning;
 use zk0_protocol::{Entry, Genesis, State};
 
-/// An auditor's further checks of each entry: proofs, refusals, aggregation. The replay first verifies the entry's bytes, the tree and the
+/// An auditor's further checks of each entry: proofs, refusals, aggregation. The replay first verifies the entry's bytes, tree and
 /// checkpoint. The calls come in order, though from several threads.
 pub trait Recheck: Send {
     /// The replay begins. The log has so many entries.
@@ -19,8 +19,8 @@ pub trait Recheck: Send {
         Vec::new()
     }
 
-    /// Checks an entry that the rules allow in the state `before`. Other threads may do long checks, so the findings are about this entry
-    /// and earlier ones, in order.
+    /// Checks an entry that the rules allow in the state `before`. Other threads may do long checks, so the findings are about this and
+    /// earlier entries, in order.
     fn entry(
         &mut self,
         _before: &State,
@@ -36,8 +36,8 @@ pub trait Recheck: Send {
         Vec::new()
     }
 
-    /// Whether a later replay may go on from here. Otherwise some check is still to be done, and an earlier replay's file stays. Called
-    /// after [`Recheck::settle`].
+    /// Whether a later replay may go on from here. If not, some check is left, and an earlier replay's file stays. Called after
+    /// [`Recheck::settle`].
     fn may_be_saved(&self) -> bool {
         true
     }
@@ -53,5 +53,4 @@ pub trait Recheck: Send {
     }
 }
 
-/// No further checks.
 impl Recheck for () {}

@@ -53,12 +53,11 @@ pub fn run(
     }
 }
 
-/// The cores and one, because one thread may be waiting for its turn.
+/// The cores and one, because one thread may wait for its turn.
 pub fn default_threads() -> usize {
     thread::available_parallelism().map_or(2, |cores| cores.get() + 1)
 }
 
-/// Gives chunks to several threads, which do the serial part in order.
 struct Relay<'a> {
     store: &'a Store,
     entries: std::ops::Range<u64>,
@@ -67,7 +66,7 @@ struct Relay<'a> {
     next: AtomicU64,
     progress: Option<&'a (dyn Fn(u64, u64) + Sync)>,
     track: Mutex<Track<'a>>,
-    /// Wakes waiting threads at the next chunk's turn, and when the replay stops.
+    /// Wakes waiting threads at the next chunk's turn, and at a stop.
     turned: Condvar,
 }
 
@@ -80,7 +79,7 @@ struct Track<'a> {
 }
 
 enum Stop {
-    /// An entry is invalid or unreadable, so nothing is known of later ones.
+    /// An entry is invalid or unreadable, so later ones are unknown.
     At(Stopped),
     /// A thread has panicked. The others must not wait for it.
     Panic,
@@ -128,7 +127,7 @@ impl<'a> Relay<'a> {
         drop(alarm);
     }
 
-    /// The keys known now; `None` once the replay has stopped.
+    /// The keys known now; `None` after a stop.
     fn keys(&self) -> Option<Arc<KnownKeys>> {
         let track = self.lock();
         track.stop.is_none().then(|| track.history.keys())

@@ -65,10 +65,10 @@ pub struct ReplayReport {
     /// Why saving failed. The next replay then notices no rollback since the last save.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unsaved: Option<String>,
-    /// Why the replay could not read to the end, such as a failed disk: no verdict about the ledger. It is among the findings.
+    /// Why the replay could not read to the end, such as a failed disk: no verdict about the ledger. Also among the findings.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unread: Option<Finding>,
-    /// The findings: by entry, then what was not checked, then why the replay stopped, if it did.
+    /// The findings: by entry, then what was not checked, then why the replay stopped.
     pub findings: Vec<Finding>,
 }
 
@@ -99,7 +99,7 @@ impl Finding {
     }
 }
 
-/// A stop is a fault, unless the ledger just cannot be read.
+/// A stop is a fault, unless the ledger is just unreadable.
 impl From<Stopped> for Finding {
     fn from(Stopped { index, error }: Stopped) -> Self {
         match error {

@@ -17,7 +17,7 @@ use zk0_protocol::rules::state::State;
 
 const FORMAT: &[u8] = b"zk0 audit state v5\n";
 
-/// The largest file that is read, in bytes.
+/// The largest file, in bytes.
 const MAX_BYTES: u64 = 1 << 32;
 
 /// The verified first entries of a log.

@@ -1,4 +1,4 @@
-//! The part of a replay that needs earlier entries: tree, checkpoints, rules. Each entry then goes to a fold.
+//! The part of a replay that needs earlier entries: tree, checkpoints, rules. Then a fold takes each entry.
 
 use super::chunk::{Chunk, Item, StoredCheckpoint};
 use super::stopped::Stopped;
@@ -17,12 +17,12 @@ use zk0_protocol::tlog::checkpoint::Checkpoint;
 use zk0_protocol::tlog::tree::Frontier;
 use zk0_protocol::{Entry, Genesis};
 
-/// Computes something from a history while it is verified. The calls come in the order of entries, though from several threads.
+/// Computes something from a history during its verification. The calls come in the order of entries, though from several threads.
 pub trait HistoryFold: Send {
     /// Takes the genesis.
     fn genesis(&mut self, _genesis: &Genesis) {}
 
-    /// Takes entry `index`, allowed by the rules in the state `before`, after its bytes, its tree and its checkpoint are verified.
+    /// Takes entry `index`, verified and allowed by the rules in the state `before`.
     fn entry(&mut self, _before: &State, _index: u64, _entry: &Entry) {}
 
     /// Called now and then, with what is verified so far.
@@ -79,7 +79,7 @@ impl VerifiedHistory {
         }
     }
 
-    /// Sets the log's number of entries. If all are verified, nothing later vouches for the last one, so it needs its own checkpoint.
+    /// Sets the log's number of entries. If all are verified, nothing later vouches for the last one, so it needs a checkpoint.
     pub(super) fn is_of(&mut self, store: &Store, whole: u64) -> Result<(), Stopped> {
         self.whole = whole;
         if self.size() < whole {
@@ -125,7 +125,6 @@ impl VerifiedHistory {
         &self.checkpoint
     }
 
-    /// The keys known so far, for threads that verify signatures.
     pub(super) fn keys(&self) -> Arc<KnownKeys> {
         Arc::clone(&self.keys)
     }
@@ -164,8 +163,8 @@ impl VerifiedHistory {
         }
     }
 
-    /// The tree with one more entry, and its root where something follows from it. The stored hashes must be those that the entry
-    /// completes, and its checkpoint must be of this tree.
+    /// The tree with one more entry, and its root where something follows from it. Checks the stored hashes that the entry completes, and
+    /// its checkpoint.
     fn with_leaf(&self, item: &Item) -> Result<(Frontier, Digest), Stopped> {
         let bad = |why: String| Stopped::bad(item.index, why);
         let mut tree = self.tree.clone();
@@ -186,7 +185,7 @@ impl VerifiedHistory {
         Ok((tree, root))
     }
 
-    /// Whether the rules allow the entry. Its signatures are already verified.
+    /// Whether the rules allow the entry. Its signatures are verified.
     fn check_allowed(
         &self,
         entry: &Entry,
@@ -200,7 +199,7 @@ impl VerifiedHistory {
     }
 }
 
-/// Checks the checkpoint of `after`'s size, which may be missing within a group unless `needed`.
+/// Checks the checkpoint of `after`'s size, which only `needed` requires within a group.
 fn check_checkpoint(
     signed: Option<&StoredCheckpoint>,
     after: &Checkpoint,

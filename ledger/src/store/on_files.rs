@@ -1,4 +1,4 @@
-//! A database in three plain append-only files, for copies of logs in a build without RocksDB. It can be read beside a writer.
+//! A database in three plain append-only files, for a build without RocksDB. It can be read beside a writer.
 //!
 //! | file | content |
 //! |---|---|
@@ -6,8 +6,8 @@
 //! | `ends` | for each entry, where its record ends: 64 bits, little-endian |
 //! | `size` | the number of entries in borsh, and its SHA-256 |
 //!
-//! A commit appends to the first two files, waits until they are on disk, and then replaces the third. Bytes after the last record are from
-//! an interrupted commit. The next one overwrites them.
+//! A commit appends to the first two files, waits until they are on disk, and then replaces the third. The next one overwrites bytes after
+//! the last record, from an interrupted commit.
 
 use super::engine::{DatabaseKey, Engine, Keys};
 use crate::error::{io_error, DatabaseError, DatabaseFailure, LedgerError};
@@ -93,7 +93,6 @@ impl Files {
         self.size.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Where an entry's record begins.
     fn start(&self, index: u64) -> Result<u64, DatabaseError> {
         let Some(before) = index.checked_sub(1) else {
             return Ok(0);
@@ -120,7 +119,6 @@ impl Files {
         unsealed(&self.dir, &bytes).map(Some)
     }
 
-    /// The sizes from this one on that have a checkpoint.
     fn checkpoints(&self, from: u64) -> impl Iterator<Item = Result<u64, DatabaseError>> + '_ {
         let sizes = from.max(1)..=*self.locked_size();
         sizes.filter_map(|size| match self.get(DatabaseKey::Checkpoint(size)) {

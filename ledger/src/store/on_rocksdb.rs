@@ -40,7 +40,6 @@ impl RocksDb {
         Ok(Self(opened.map_err(DatabaseError::from)?))
     }
 
-    /// The first key in this order.
     fn first(&self, mode: IteratorMode<'_>) -> Result<Option<DatabaseKey>, DatabaseError> {
         let item = self.0.iterator(mode).next().transpose()?;
         Ok(item.and_then(|(key, _)| parse(&key)))

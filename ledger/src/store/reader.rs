@@ -25,7 +25,7 @@ impl LedgerReader {
         Ok(Entry::decode(&bytes)?)
     }
 
-    /// The receipt that [`Ledger::append`] gave for entry `index`. Its checkpoint is the first that covers the entry.
+    /// The receipt that [`Ledger::append`] gave for entry `index`. Its checkpoint is the first that covers it.
     ///
     /// [`Ledger::append`]: crate::log::Ledger::append
     pub fn first_receipt(&self, index: u64) -> Result<Receipt, LedgerError> {

@@ -57,7 +57,7 @@ pub enum DatasetError {
         path.display()
     )]
     NothingFinished { path: PathBuf },
-    /// The operating system could not read a file.
+    /// A file could not be read.
     #[error("{}: cannot be read: {source}", path.display())]
     Io {
         path: PathBuf,
@@ -107,7 +107,7 @@ pub enum DatasetError {
         timestamp: f32,
         expected: f64,
     },
-    /// There are fewer rows than the metadata declares.
+    /// Fewer rows than the metadata declares.
     #[error("{}: the data ends after {found} frames, meta/info.json declares {declared}", path.display())]
     FewerFrames {
         path: PathBuf,
@@ -144,7 +144,7 @@ pub enum DatasetError {
     /// No episode has a picture for every row.
     #[error("{}: no episode has a picture for every row. {first}", path.display())]
     NoWholeEpisode { path: PathBuf, first: String },
-    /// The given statistics have other state or action dimensions than the recording.
+    /// The given statistics have other dimensions than the recording.
     #[error(
         "{}: has {} state and {} action dimensions, the statistics to normalise it with have {} and {}",
         path.display(), found.0, found.1, given.0, given.1
@@ -164,10 +164,10 @@ pub enum DatasetError {
         first: PathBuf,
         cause: String,
     },
-    /// The caller asked for a frame that does not exist.
+    /// The requested frame does not exist.
     #[error("there is no frame {index}: the recording has {len} frames")]
     OutOfRange { index: usize, len: usize },
-    /// The caller asked for an action chunk of a forbidden length.
+    /// The requested action chunk has a forbidden length.
     #[error("an action chunk cannot have {chunk} frames; it must have 1 to {max}")]
     Chunk { chunk: usize, max: usize },
 }

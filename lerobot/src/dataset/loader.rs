@@ -17,11 +17,11 @@ use crate::dataset::{Dataset, DatasetError};
 /// Offsets outside the episode give its first or last frame, flagged as padding.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Frame {
-    /// Number of the frame in the dataset.
+    /// Its number in the dataset.
     pub index: usize,
     /// Its episode.
     pub episode: usize,
-    /// Number of the frame in its episode.
+    /// Its number in the episode.
     pub frame: usize,
     /// Seconds since the episode began.
     pub timestamp: f32,
@@ -54,7 +54,7 @@ pub struct Image {
     pub pixels: Vec<u8>,
 }
 
-/// Gives frames with their pictures. Keeps one open video or data file per camera, and the pictures of the last frame.
+/// Gives frames with their pictures. Keeps one open file per camera, and the last frame's pictures.
 ///
 /// Ascending order decodes every video once; going back starts from the nearest key frame. With stored pictures, any step but ahead
 /// decompresses their page again.
@@ -64,7 +64,7 @@ pub struct Loader<'a> {
     cameras: Vec<OpenCamera>,
 }
 
-/// One camera's open video or data file, and the pictures of the last sample by frame of the dataset.
+/// A camera's open file, and the last sample's pictures by frame.
 #[derive(Default)]
 struct OpenCamera {
     video: Option<VideoReader>,
@@ -91,7 +91,7 @@ impl Dataset {
 }
 
 impl<'a> Loader<'a> {
-    /// A loader of frames with `window` around them, which must be of this recording.
+    /// A loader with `window`, which must be of this recording.
     pub fn new(dataset: &'a Dataset, window: Window) -> Self {
         Self {
             dataset,
@@ -107,7 +107,7 @@ impl<'a> Loader<'a> {
     /// Frame `index` with its pictures.
     ///
     /// # Errors
-    /// There is no such frame, or a picture cannot be read: the file and the cause.
+    /// There is no such frame, or a picture cannot be read.
     pub fn frame(&mut self, index: usize) -> Result<Frame, DatasetError> {
         let mut frame = self.motion(index)?;
         let episode = self.dataset.episodes()[frame.episode].frames.clone();
@@ -158,7 +158,7 @@ impl<'a> Loader<'a> {
         })
     }
 
-    /// Pictures of frames of one episode, each decoded once, in ascending order.
+    /// Pictures of one episode's frames, each decoded once, in order.
     fn images(&mut self, camera: usize, wanted: &[usize]) -> Result<Vec<Image>, DatasetError> {
         // A single picture is not kept: the next frame does not need it.
         if let [frame] = wanted {
@@ -181,7 +181,7 @@ impl<'a> Loader<'a> {
         Ok(images)
     }
 
-    /// A camera's picture of frame `index`, which exists.
+    /// Frame `index` must exist.
     pub(crate) fn picture(&mut self, camera: usize, index: usize) -> Result<Image, DatasetError> {
         let at = self
             .dataset
@@ -223,7 +223,7 @@ impl<'a> Loader<'a> {
     /// [`CameraStorage::Pictures`](crate::dataset::CameraStorage::Pictures).
     ///
     /// # Errors
-    /// It cannot be read: the file and the cause.
+    /// It cannot be read.
     pub fn stored_picture(&mut self, camera: usize, index: usize) -> Result<Vec<u8>, DatasetError> {
         Ok(self.stored(camera, index)?.bytes)
     }
@@ -247,7 +247,6 @@ impl<'a> Loader<'a> {
 }
 
 impl OpenCamera {
-    /// What a stretch of video shows after `seconds`.
     fn shown_at(
         &mut self,
         span: &VideoSpan,
@@ -267,7 +266,7 @@ impl OpenCamera {
     }
 }
 
-/// The frames at `offsets` from `index`, clamped to the episode, and which were clamped.
+/// The frames at `offsets`, clamped to the episode, and which were clamped.
 fn within(episode: &Range<usize>, index: usize, offsets: &[i64]) -> (Vec<usize>, Vec<bool>) {
     let (first, last) = (episode.start as i64, episode.end as i64 - 1);
     offsets

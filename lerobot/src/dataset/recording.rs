@@ -38,8 +38,7 @@ impl Dataset {
     /// than rows are logged, and only in [`Dataset::left_out`].
     ///
     /// # Errors
-    /// Anything missing, unreadable or inconsistent outside the videos' content, with its path: see [`DatasetError`]. Among them rows that
-    /// repeat a frame with other values, and timestamps that are not `frame / fps`.
+    /// [`DatasetError`]: anything missing, unreadable or inconsistent outside the videos' content, with its path.
     pub fn open(root: impl AsRef<Path>) -> Result<Self, DatasetError> {
         let root = root.as_ref().to_path_buf();
         let mut repairs = Vec::new();

@@ -6,7 +6,6 @@ use std::str::FromStr;
 use crate::dataset::{Dataset, DatasetError};
 use crate::policy_folder::IMAGES;
 
-/// Most cameras in a map.
 const MAX_RENAMED: usize = 64;
 
 /// New camera names by their names in the recording. The start `observation.images.` may be left out.

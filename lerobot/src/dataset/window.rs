@@ -2,7 +2,6 @@
 
 use crate::dataset::{DatasetError, Info};
 
-/// Most actions in a chunk.
 const MAX_CHUNK: usize = 4096;
 
 /// The frames of a training sample: offsets from the current frame, per feature.

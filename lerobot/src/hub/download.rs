@@ -33,7 +33,6 @@ pub(super) fn is_whole(path: &Path, size: u64) -> bool {
     fs::metadata(path).is_ok_and(|found| found.is_file() && found.len() == size)
 }
 
-/// Why a download failed.
 pub(super) enum DownloadFailure {
     /// A retry may help.
     Connection(String),
@@ -153,7 +152,6 @@ pub(super) fn download(
     Err(last)
 }
 
-/// How a file differs from the listing.
 fn check(path: &Path, file: &RemoteFile) -> Result<Option<String>, DownloadFailure> {
     let unreadable = |e: io::Error| DownloadFailure::Cache(format!("{}: {e}", path.display()));
     let size = fs::metadata(path).map_err(unreadable)?.len();
@@ -193,7 +191,6 @@ fn remove(path: &Path) -> Result<(), DownloadFailure> {
     }
 }
 
-/// Adds the current file's bytes to those downloaded.
 struct DownloadProgress<'a> {
     meter: HubProgress,
     progress: &'a mut dyn FnMut(HubProgress),

@@ -30,9 +30,9 @@ pub struct Fetched {
     pub lerobot_commit: Option<String>,
 }
 
-/// Fetches what is missing of a recording into the cache. `progress` is told of every step; if all is there, the
-/// Hub is asked only for the listing and for LeRobot's tag. A commit that was fetched before is used as it is, because it never changes, and the
-/// Hub is not asked. If the Hub cannot be reached, a recording that was fetched before is used as it is, with a warning.
+/// Fetches what is missing of a recording into the cache, and tells `progress` every step. If all is there, the Hub is asked only for the
+/// listing and LeRobot's tag, and not at all for a fetched commit, which never changes. If the Hub cannot be reached, a recording in
+/// the cache is used, with a warning.
 ///
 /// # Errors
 /// See [`HubError`]. Incomplete files do not get their names.
@@ -122,7 +122,7 @@ fn in_cache(info: &Path) -> Fetched {
     }
 }
 
-/// The cameras whose pictures may be in files of their own. Whoever opens the recording learns why `meta/info.json` cannot be read.
+/// Cameras whose pictures may be separate files; none if `meta/info.json` is unreadable, which opening the recording reports.
 fn cameras_with_pictures(folder: &Path) -> Vec<String> {
     let cameras = Info::read(folder).map_or(Vec::new(), |info| info.cameras);
     let stored = cameras

@@ -20,7 +20,6 @@ const PICTURES: &str = "images/";
 /// Largest picture file fetched, and the largest read.
 const MAX_PICTURE: u64 = 64 << 20;
 
-/// The needed part of the Hub's answer.
 #[derive(Deserialize)]
 pub(super) struct Listing {
     pub sha: String,
@@ -119,7 +118,6 @@ pub(super) fn list(
 }
 
 impl Listing {
-    /// Moves a file first.
     pub fn begin_with(&mut self, name: &str) {
         let is_other = |file: &RemoteFile| file.rfilename != name;
         self.siblings.sort_by_key(is_other);

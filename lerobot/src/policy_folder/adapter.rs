@@ -14,7 +14,6 @@ use crate::policy_folder::json_file::read_json;
 use crate::stored_tensors::StoredTensors;
 use zk0_tensors::{TensorData, TensorError};
 
-/// PEFT's files.
 pub(super) const ADAPTER_FILES: [&str; 2] = ["adapter_config.json", "adapter_model.safetensors"];
 /// How PEFT's names begin.
 const PREFIX: &str = "base_model.model.";
@@ -43,7 +42,7 @@ struct AdapterConfig {
     more: BTreeMap<String, Value>,
 }
 
-/// Settings that change an adapter and are not implemented.
+/// Settings that are not implemented.
 const REFUSED: [&str; 12] = [
     "use_dora",
     "use_bdlora",
@@ -113,9 +112,6 @@ impl Adapter {
     }
 
     /// Turns the base's matrix `name` into the policy's.
-    ///
-    /// # Errors
-    /// The adapter's matrices are unreadable, do not fit, or give a number that is not finite.
     pub fn apply(&self, name: &str, matrix: &mut TensorData) -> Result<()> {
         let (Some(&rank), &[rows, columns]) = (self.ranks.get(name), &matrix.shape[..]) else {
             return Ok(());

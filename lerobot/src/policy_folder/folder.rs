@@ -139,7 +139,6 @@ impl PolicyFolder {
             .map_or(name, String::as_str)
     }
 
-    /// Refuses a compiled module's weights by their prefix.
     fn refuse_compiled(&self) -> Result<()> {
         let mut names = self.weights.names().into_iter();
         match names.find(|name| name.contains(COMPILED)) {

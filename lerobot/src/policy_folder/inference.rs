@@ -1,5 +1,4 @@
-//! What a policy needs to act besides weights and tokenizer: how states and actions are normalised, and the number of Euler steps from
-//! noise to actions.
+//! What a policy needs to act besides weights and tokenizer: normalisation and the number of Euler steps.
 
 use serde::{Deserialize, Serialize};
 
@@ -18,7 +17,7 @@ pub enum Normalisation {
     Identity,
 }
 
-/// Default Euler steps from noise to actions, LeRobot's `num_steps`.
+/// Default Euler steps, LeRobot's `num_steps`.
 pub const STEPS: usize = 10;
 /// Most Euler steps allowed.
 const STEPS_LIMIT: usize = 1000;
@@ -97,7 +96,6 @@ impl Normalisation {
         }
     }
 
-    /// LeRobot's name.
     pub(super) fn name(self) -> &'static str {
         match self {
             Self::MeanStd => "MEAN_STD",
@@ -121,7 +119,6 @@ mod tests {
     use super::*;
     use crate::policy_folder::lerobot_config::LeRobotConfig;
 
-    /// A policy of six state and action dimensions.
     fn config() -> PolicyConfig {
         let folder = concat!(
             env!("CARGO_MANIFEST_DIR"),

@@ -34,7 +34,7 @@ pub struct LeRobotConfig {
     pub action_normalisation: String,
 }
 
-/// The file. Missing fields have LeRobot's defaults; others are ignored.
+/// Missing fields have LeRobot's defaults; others are ignored.
 #[derive(Deserialize)]
 #[serde(default)]
 struct PolicyJson {

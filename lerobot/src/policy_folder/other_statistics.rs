@@ -14,7 +14,6 @@ use crate::policy_folder::statistics::{plain_name, Normalised, ACTION, STATE};
 use crate::stored_tensors::StoredTensors;
 use zk0_tensors::{Dtype, TensorData, TensorError, TensorSet};
 
-/// What the copy has.
 #[derive(Default)]
 pub(super) struct OtherStats {
     /// Files that replace or extend the source's.
@@ -117,7 +116,6 @@ impl PolicyFolder {
     }
 }
 
-/// Mean and standard deviation by tensor name.
 fn named(name: &str, normalizer: &Normalizer) -> [(String, TensorData); 2] {
     [("mean", normalizer.mean()), ("std", normalizer.std())].map(|(what, values)| {
         let tensor = TensorData {
@@ -128,8 +126,7 @@ fn named(name: &str, normalizer: &Normalizer) -> [(String, TensorData); 2] {
     })
 }
 
-/// A processor's state with these moments. The source's other statistics of the same features, such as minimum and maximum, go; those of
-/// other features, such as images, stay.
+/// A processor's state with these moments. The source's other statistics of the same features (minimum, maximum) go; other features' stay.
 fn state_file(source: Option<&StoredTensors>, moments: &TensorSet) -> Result<Vec<u8>> {
     let feature = |name: &str| {
         name.rsplit_once('.')

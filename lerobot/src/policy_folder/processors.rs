@@ -31,7 +31,6 @@ pub(super) struct Processors {
     pub behind: Option<Steps>,
 }
 
-/// What a pipeline's steps ask for.
 #[derive(Debug, Default)]
 pub(super) struct Steps {
     /// New names of observations by old ones.
@@ -204,7 +203,6 @@ impl Steps {
         Ok(steps)
     }
 
-    /// Applies one more map to the renamed names.
     fn rename(&mut self, map: BTreeMap<String, String>) -> std::result::Result<(), String> {
         for (old, new) in &map {
             check_rename(old, new)?;

@@ -11,7 +11,6 @@ use crate::policy_folder::processors::{
 };
 use crate::stored_tensors::StoredTensors;
 
-/// A normalised feature.
 pub(super) struct Normalised {
     /// Its name, also in processors' statistics.
     pub name: &'static str,
@@ -78,7 +77,6 @@ impl PolicyFolder {
         Ok((state, action))
     }
 
-    /// How pipeline `steps` of file `pipeline` normalises a feature.
     fn mode(
         &self,
         steps: Option<&Steps>,
@@ -118,7 +116,7 @@ impl PolicyFolder {
     }
 
     /// Refuses a folder whose processors normalise without statistics of states and actions: LeRobot would silently leave both as they are,
-    /// and a robot take numbers around 1 for degrees. Training adds statistics; a copy with other weights does not.
+    /// and a robot take numbers around 1 for degrees.
     ///
     /// # Errors
     /// [`StoredPolicyError::AtPath`] names the existing statistics; and those of [`Self::stats`].
@@ -155,7 +153,6 @@ impl PolicyFolder {
         ))
     }
 
-    /// The pipeline that normalises a feature in use.
     pub(super) fn steps(&self, feature: &Normalised) -> Option<&Steps> {
         match feature.pipeline {
             PREPROCESSOR => self.processors.before.as_ref(),

@@ -5,7 +5,6 @@ use serde::Deserialize;
 use crate::config::{TextConfig, VisionConfig, CHANNELS, LAYER_NORM_EPS, RMS_NORM_EPS};
 use crate::error::{Result, StoredPolicyError};
 
-/// Its name on the Hub.
 const SMOLVLM2_500M: &str = "HuggingFaceTB/SmolVLM2-500M-Video-Instruct";
 
 /// A vision-language model with all its language layers.

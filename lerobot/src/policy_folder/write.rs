@@ -30,15 +30,14 @@ pub enum Precision {
 }
 
 impl PolicyFolder {
-    /// Writes a policy folder to the new or empty folder `to`. Tensors in `changed` replace those of the same names; all else is copied
-    /// byte for byte: the other tensors (also the language model's head), the weights file's metadata, `config.json`, and all files beside
-    /// it. Folders in the source are left out.
+    /// Writes a policy folder to the new or empty folder `to`. Tensors in `changed` replace those of the same names. All other tensors,
+    /// metadata and files are copied byte for byte; folders are left out.
     ///
     /// The weights come last, and get their name when complete.
     ///
     /// # Errors
-    /// [`StoredPolicyError::AtPath`] when a file cannot be read or written, or `to` is not empty; and when a tensor in `changed` is not the
-    /// policy's, has another shape, holds a number that is not finite, or is too large for the kept type.
+    /// [`StoredPolicyError::AtPath`] when a file cannot be read or written, `to` is not empty, or a tensor in `changed` does not fit the
+    /// policy, is not finite, or is too large for the kept type.
     pub fn write(&self, to: &Path, changed: &TensorSet, precision: Precision) -> Result<()> {
         self.write_copy(to, changed, &OtherStats::default(), precision)
     }
@@ -121,7 +120,6 @@ impl PolicyFolder {
         Ok(files)
     }
 
-    /// Names of files beside the weights.
     fn other_files(&self) -> Result<BTreeSet<std::ffi::OsString>> {
         let failed = |e: io::Error| StoredPolicyError::file(&self.folder, e);
         let mut names = BTreeSet::new();
@@ -174,7 +172,6 @@ impl From<io::Error> for WriteFailure {
     }
 }
 
-/// The copy's weights file.
 struct NewWeights<'a> {
     source: &'a PolicyFolder,
     changed: &'a TensorSet,

@@ -21,8 +21,7 @@ fn room_below(root: &Path, own: &str) -> Option<u64> {
     groups.filter_map(left_in).min()
 }
 
-/// Bytes left under one group's limit; `None` without a limit. The group counts the page cache as used; the kernel can drop it, so it
-/// counts as free here.
+/// `None` without a limit. The group counts the page cache as used; the kernel can drop it, so it counts as free here.
 fn left_in(group: &Path) -> Option<u64> {
     let number = |file: &str| -> Option<u64> {
         fs::read_to_string(group.join(file))

@@ -1,7 +1,7 @@
 //! SP1's options for the CPU, by free memory and cores.
 //!
 //! SP1's defaults suit a server: four provers at a time over shards of 400 million trace elements. On a small machine, the kernel kills
-//! them after minutes. So this chooses options or refuses first.
+//! them after minutes.
 
 use super::control_group;
 use sp1_core_executor::SP1CoreOpts;

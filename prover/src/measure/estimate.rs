@@ -22,17 +22,17 @@ pub struct Estimate {
     pub cycles: u64,
     /// SP1's estimate of proving cost, precompiles included.
     pub gas: u64,
-    /// Bytes of the private input for the proving service.
+    /// Bytes of the private input.
     pub private_input_bytes: u64,
     /// Free memory for a proof, in bytes.
     pub memory_needed_bytes: u64,
-    /// Free memory of this machine, in bytes.
+    /// Free memory, in bytes.
     pub memory_free_bytes: u64,
-    /// Hardware threads of this machine.
+    /// Hardware threads.
     pub cores: usize,
     /// Seconds until the proving service is ready, once.
     pub start_seconds: f64,
-    /// Seconds of a proof on this machine's CPU.
+    /// Seconds of a proof on the CPU.
     pub proving_seconds: f64,
     /// The argument before the proof, in mode `succinct`.
     pub argument: Option<ArgumentEstimate>,
@@ -56,7 +56,7 @@ const CORES: f64 = 2.0;
 const EXECUTED: u32 = 3;
 
 impl ArgumentEstimate {
-    /// The cost for `samples` samples. Checks the room for the arguments.
+    /// Checks the room for the arguments.
     fn of(spec: &EvalSpec, samples: u32, machine: Resources) -> Result<Self, ExecuteError> {
         let failed = |error: &dyn std::fmt::Display| {
             ExecuteError::Failed(format!(

@@ -3,9 +3,7 @@
 use std::env::{self, VarError};
 use tonic::transport::Uri;
 
-/// The account's private key.
 const KEY: &str = "NETWORK_PRIVATE_KEY";
-/// The network's address.
 const ADDRESS: &str = "NETWORK_RPC_URL";
 
 /// The account and the address. Without `Debug`, so that no log can show the key.

@@ -19,9 +19,6 @@ pub(super) struct Bid {
 impl Bid {
     /// The network's suggestion, at a price up to a fifth higher, as in SP1's client, so that a prover takes the request although prices
     /// move.
-    ///
-    /// # Errors
-    /// The suggestion makes no sense.
     pub fn suggested(params: GetProofRequestParamsResponse) -> Result<Self, String> {
         let GetProofRequestParamsResponse::Auction(params) = params else {
             return Err("it holds no auctions".into());

@@ -165,7 +165,7 @@ impl NetworkProver {
             .map_err(NetworkError::Unsound)
     }
 
-    /// Uploads the private input and requests a proof. Returns the request's number.
+    /// Uploads the private input; returns the request's number.
     async fn request(&self, stdin: &SP1Stdin, cost: &Execution) -> Result<B256, NetworkError> {
         let doing = "take the request";
         let ProverSelection::Auction = self.options.strategy else {
@@ -230,7 +230,6 @@ impl NetworkProver {
         })
     }
 
-    /// Waits for the proof.
     async fn wait(
         &self,
         request: B256,
@@ -279,7 +278,7 @@ impl NetworkProver {
     }
 }
 
-/// Whether a server listens there. SP1's client would try for two minutes, without a reason.
+/// SP1's client would try for two minutes, without a reason.
 async fn reach(address: &str) -> Result<(), NetworkError> {
     let unreachable = |reason: String| NetworkError::Unreachable {
         address: address.to_owned(),

@@ -91,7 +91,6 @@ impl Executor {
         VerifyingKey::of(program.verifying_key()).map_err(failed)
     }
 
-    /// Derives the keys of `elf` in seconds.
     pub(crate) async fn set_up(&self, elf: &'static [u8]) -> Result<SP1ProvingKey, ExecuteError> {
         let client = self.client.clone();
         blocking(move || client.setup(Elf::Static(elf)).map_err(failed)).await

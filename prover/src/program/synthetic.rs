@@ -30,13 +30,10 @@ use zk0_circuits::{
 /// Most draws of weights. With two samples, about a third pass the test.
 const TRIES: usize = 64;
 
-/// The factors of base and update velocities.
 const LOUDNESS: [f32; 2] = [2.0, 0.25];
 
-/// The seed of executed claims.
 const SEED: u64 = 1;
 
-/// Random numbers for salt and header.
 const HEADER_WORDS: u64 = 5;
 
 /// A private input whose statement holds in `mode`, over `samples` samples of a dataset three times as large.
@@ -218,8 +215,7 @@ pub fn dims(name: &str) -> Result<Dims, String> {
     }
 }
 
-/// Makes a claim over `samples` samples, and executes its program. Returns the program's input and results. At full size a sample takes a
-/// minute and half a gigabyte.
+/// Makes a claim over `samples` samples, and executes its program. At full size a sample takes a minute and half a gigabyte.
 ///
 /// # Errors
 /// There is no such claim, or SP1 fails.
@@ -322,7 +318,6 @@ fn sample(spec: &EvalSpec, random: &mut SplitMix64, index: u32) -> Result<Sample
     Sample::quantise(spec, parts).map_err(|error| error.to_string())
 }
 
-/// The random numbers of a sample.
 fn sample_words(dims: &Dims) -> u64 {
     let [layers, prefix, chunk, width] = [
         dims.layers,
@@ -337,7 +332,6 @@ fn sample_words(dims: &Dims) -> u64 {
 /// SplitMix64 (Steele, Lea and Flood 2014).
 struct SplitMix64(u64);
 
-/// The generator's increment.
 const STEP: u64 = 0x9e37_79b9_7f4a_7c15;
 
 impl SplitMix64 {

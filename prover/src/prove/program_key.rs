@@ -13,7 +13,6 @@ pub struct OtherProgram {
     pub found: String,
 }
 
-/// Compares a program's key with its mode's recorded one.
 pub(crate) fn check_program(program: &SP1ProvingKey, mode: Mode) -> Result<(), OtherProgram> {
     match VerifyingKey::of(program.verifying_key()) {
         Ok(key) if key.koalabear == verifying_key(mode) => Ok(()),

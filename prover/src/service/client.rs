@@ -125,7 +125,6 @@ impl ProvingClient {
         })
     }
 
-    /// Why a request failed.
     fn failed(&self, status: Status) -> ClientError {
         match self.address.lost(&status) {
             Some(error) => ClientError::Lost(error),

@@ -28,7 +28,6 @@ impl Elsewhere {
         self.options
     }
 
-    /// The connected network.
     pub async fn prover(&self, executor: &Executor) -> Result<&NetworkProver, JobError> {
         self.prover
             .get_or_try_init(|| {

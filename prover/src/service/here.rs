@@ -39,7 +39,6 @@ impl Here {
         })
     }
 
-    /// SP1, started.
     pub async fn prover(&self) -> Result<&Sp1Prover, JobError> {
         self.prover
             .get_or_try_init(|| Sp1Prover::start(self.device.clone(), self.lock.clone()))

@@ -1,5 +1,4 @@
-//! Existing proofs. After an interruption, a node repeats its request. It gets the proof made meanwhile, or waits for the one in progress,
-//! so that a claim is proven once.
+//! Existing proofs. A node that repeats its request gets the proof made meanwhile or waits for the one in progress: a claim is proven once.
 
 use super::schedule::QueuePosition;
 use crate::program::GuestInput;
@@ -14,7 +13,7 @@ use zk0_circuits::Mode;
 pub(super) struct RequestDigest([u8; 32]);
 
 impl RequestDigest {
-    /// A request's digest. A gigabyte takes seconds.
+    /// A gigabyte takes seconds.
     pub fn of(input: &GuestInput) -> Self {
         let mode = match input.mode {
             Mode::Direct => 1u64,
@@ -47,18 +46,15 @@ struct Proofs {
 struct MadeProof {
     of: RequestDigest,
     proof: Arc<rpc::Proof>,
-    /// Whether a client was sent it.
     taken: bool,
 }
 
 impl Made {
-    /// This request's proof begins, at this place of the queue.
     pub fn begins(&self, of: RequestDigest, place: QueuePosition) {
         self.0
             .send_modify(|proofs| proofs.making = Some((of, place)));
     }
 
-    /// The proof in progress ended.
     pub fn ends(&self) {
         self.0.send_modify(|proofs| proofs.making = None);
     }
@@ -68,7 +64,6 @@ impl Made {
         self.0.send_modify(|proofs| proofs.keep(of, proof));
     }
 
-    /// A client was sent this request's proof.
     pub fn taken(&self, of: RequestDigest) {
         self.0.send_modify(|proofs| {
             let kept = [&mut proofs.newest, &mut proofs.untaken];
@@ -78,7 +73,6 @@ impl Made {
         });
     }
 
-    /// This request's proof, if present.
     pub fn proof(&self, of: RequestDigest) -> Option<Arc<rpc::Proof>> {
         self.0.borrow().proof(of)
     }
@@ -103,7 +97,6 @@ impl Made {
         let _ = changes.wait_for(ended).await;
     }
 
-    /// Waits for this request's proof.
     pub async fn until(&self, of: RequestDigest) -> Arc<rpc::Proof> {
         let mut changes = self.0.subscribe();
         loop {

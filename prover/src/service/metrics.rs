@@ -69,7 +69,6 @@ impl ProverMetrics {
         &self.observed
     }
 
-    /// The prover has started, or could not.
     pub(super) fn started(&self, started: &Result<(), JobError>) {
         let troubles = &self.observed.troubles;
         match started {
@@ -78,7 +77,6 @@ impl ProverMetrics {
         }
     }
 
-    /// A proof took this long.
     pub(super) fn proven(&self, took: Duration) {
         self.proof_seconds.set(gauged(took.as_secs()));
         self.observed.troubles.clear(PROOF);
@@ -98,7 +96,6 @@ impl ProverMetrics {
         });
     }
 
-    /// The client of a request has gone.
     pub(super) fn gone(&self) {
         self.count("gone");
     }

@@ -1,8 +1,7 @@
 //! The proving service of one machine's nodes, and its client (`proto/prover.proto`).
 //!
 //! The service first runs the statement and counts its cycles, so that a client with a false claim learns it in seconds. Requests queue in
-//! order, and one proof is made at a time. A proof that no client took is kept for a repeated request. Tests replace the [`Backend`], which
-//! proves.
+//! order, and one proof is made at a time. A proof that no client took is kept for a repeated request.
 
 mod backend;
 mod client;

@@ -8,35 +8,29 @@ use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 use zk0_metrics::registry::gauged;
 
-/// Seconds to prove an empty program on two cores: start and recursion of a compressed proof.
+/// Seconds to prove an empty program: start and recursion.
 const FIXED_SECONDS: f64 = 300.0;
-/// Further cycles proven per second on two cores.
+/// Further cycles proven per second.
 const CYCLES_PER_SECOND: f64 = 12_000.0;
-/// Seconds to start SP1 on two cores.
+/// Seconds to start SP1.
 const START_SECONDS: f64 = 70.0;
 /// The cores of these measurements.
 const CORES: f64 = 2.0;
 
-/// Work at one place in the queue.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Work {
-    /// Starting SP1.
     Start,
     /// A proof of this many guest cycles.
     Proof {
-        /// Guest instructions.
         cycles: u64,
     },
 }
 
-/// A place in the queue.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct QueuePosition(u64);
 
-/// The work before a place, and the time until its own is done.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Outlook {
-    /// Proofs before it.
     pub ahead: u32,
     /// Time from now until this place's work is done.
     pub remaining: Duration,
@@ -58,12 +52,11 @@ pub enum Pace {
 }
 
 impl Pace {
-    /// The pace of a machine of which only its `cores` hardware threads are known.
+    /// The pace of a machine with `cores` hardware threads.
     pub fn of_cores(cores: usize) -> Self {
         Self::Scaled(CORES / cores.max(1) as f64)
     }
 
-    /// The work's duration.
     fn expects(self, work: Work) -> Duration {
         match (self, work) {
             (Self::Scaled(scale), work) => Duration::from_secs_f64(expected(work) * scale),
@@ -73,16 +66,13 @@ impl Pace {
     }
 }
 
-/// The proofs of a queue, counted.
 #[derive(Clone, Default)]
 pub struct QueueGauges {
-    /// Those that wait.
     pub waiting: Gauge,
-    /// Those that are being made.
     pub proving: Gauge,
 }
 
-/// The queue, and its times. The caller supplies the clock.
+/// The caller supplies the clock.
 pub struct ProofQueue {
     gauges: QueueGauges,
     pace: Pace,
@@ -91,7 +81,6 @@ pub struct ProofQueue {
 }
 
 impl ProofQueue {
-    /// An empty queue.
     pub fn new(pace: Pace) -> Self {
         Self {
             gauges: QueueGauges::default(),
@@ -101,7 +90,6 @@ impl ProofQueue {
         }
     }
 
-    /// From now on, the proofs are counted here.
     pub fn counted(mut self, gauges: QueueGauges) -> Self {
         self.gauges = gauges;
         self
@@ -114,7 +102,6 @@ impl ProofQueue {
         self.gauges.waiting.set(gauged(waiting.len() as u64));
     }
 
-    /// Joins the queue.
     pub fn join(&mut self, work: Work) -> QueuePosition {
         let place = QueuePosition(self.next);
         self.next += 1;
@@ -127,7 +114,6 @@ impl ProofQueue {
         place
     }
 
-    /// Begins the work at `place`.
     pub fn begin(&mut self, place: QueuePosition, now: Instant) {
         if let Some(job) = self.jobs.iter_mut().find(|job| job.place == place) {
             job.began = Some(now);
@@ -176,7 +162,7 @@ impl ProofQueue {
     }
 }
 
-/// Seconds of `work` on a machine of which only its `cores` hardware threads are known.
+/// Seconds of `work` on `cores` hardware threads.
 pub fn expected_on(cores: usize, work: Work) -> f64 {
     Pace::of_cores(cores).expects(work).as_secs_f64()
 }

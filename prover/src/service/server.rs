@@ -29,11 +29,9 @@ use zk0_tls::incoming::{connections, Bounds, Connection};
 use zk0_tls::server_certificate::ServerCertificate;
 use zk0_traces::request;
 
-/// Simultaneous requests per connection.
 const REQUESTS_PER_CONNECTION: usize = 16;
 /// Events that a client may lag.
 const EVENTS: usize = 4;
-/// Time between progress events.
 const TICK: Duration = Duration::from_secs(1);
 /// Time for the last answers when the service ends, because a client that reads nothing would hold it for ever.
 const ENDING: Duration = Duration::from_secs(5);
@@ -158,8 +156,8 @@ impl<B: Backend> ProvingService<B> {
     }
 }
 
-/// Answers requests on `connections` until `shutdown` is ready and no request is open. Pings silent clients. Boxed, so that a crate with
-/// its own backend does not compile the server again.
+/// Answers requests until `shutdown` is ready and no request is open. Boxed, so that a crate with its own backend does not compile the
+/// server again.
 fn answered(
     routes: Routes,
     connections: ReceiverStream<io::Result<Connection>>,
@@ -256,7 +254,6 @@ impl<B> ProvingService<B> {
     }
 }
 
-/// One request, from check to proof.
 struct ProofJob<B> {
     shared: Arc<ServerState<B>>,
     input: Arc<GuestInput>,
@@ -268,7 +265,6 @@ struct ProofJob<B> {
     _memory: OwnedSemaphorePermit,
 }
 
-/// The client has gone.
 struct Gone {
     /// Whether the proof is finished all the same.
     kept: bool,
@@ -396,8 +392,7 @@ impl<B: Backend> ProofJob<B> {
             }
         };
 
-        // A separate task holds the turn. SP1 cannot be interrupted, so without a client this machine finishes the proof before the next
-        // one, and keeps it. A network's request is withdrawn.
+        // A separate task holds the turn: without a client, this machine finishes and keeps the proof; a network's request is withdrawn.
         let making = Making::begin(shared.clone(), of, place);
         let (prover, input, expected) = (shared.clone(), self.input.clone(), execution);
         let waiting = WaitingClient::new(self.events.clone(), shared.stopping.subscribe());

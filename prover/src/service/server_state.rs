@@ -21,7 +21,6 @@ pub(super) struct ServerState<B> {
     /// One proof at a time, in order.
     pub proving: Arc<Semaphore>,
     schedule: Mutex<ProofQueue>,
-    /// Proofs that a client may request again.
     pub made: Made,
     /// Whether the process has to end.
     pub stopping: watch::Sender<bool>,
@@ -53,7 +52,6 @@ impl<B> ServerState<B> {
         self.schedule.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A slot of the queue.
     pub fn slot(&self) -> Result<OwnedSemaphorePermit, JobError> {
         let slot = self.slots.clone().try_acquire_owned();
         slot.map_err(|_| JobError::QueueFull)

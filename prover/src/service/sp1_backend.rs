@@ -22,7 +22,6 @@ pub struct Sp1Backend {
     place: ProverLocation,
 }
 
-/// Where proofs are made.
 enum ProverLocation {
     Here(Here),
     #[cfg(feature = "network")]

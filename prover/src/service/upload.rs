@@ -9,7 +9,6 @@ use tokio_stream::{Stream, StreamExt};
 use tonic::Status;
 use zk0_circuits::Mode;
 
-/// Bytes per message.
 const CHUNK_BYTES: usize = 1 << 20;
 /// Largest message: a chunk, and its encoding.
 pub const MAX_MESSAGE_BYTES: usize = 2 * CHUNK_BYTES;

@@ -56,7 +56,6 @@ impl WaitingClient {
         self.taken.store(taken, Ordering::Relaxed);
     }
 
-    /// The phase for the client.
     pub(super) fn phase(&self) -> Phase {
         if self.taken.load(Ordering::Relaxed) {
             Phase::Proving

@@ -27,7 +27,7 @@ pub const REMOVALS: &[Removal] = &[
         "a_genesis_that_the_log_has_not_signed_fills_no_folder"),
     ledger("a folder is filled with the log of the key", STORED, never!("state.genesis().log_key != *log_key"),
         "the_log_of_another_key_fills_no_folder"),
-    ledger("a store refuses to overwrite", STORED, never!("overwrites"), "a_store_that_overwrites_is_refused"),
+    ledger("a store refuses to overwrite", STORED, never!("store.create_group(0, &first).map_err(BlobError::from)?"), "a_store_that_overwrites_is_refused"),
     ledger("a store has no gap", STORED, never!("*first > tree.size()"), "a_store_with_a_gap_is_refused"),
     ledger("groups do not overlap", STORED, never!("*first < tree.size()"), "an_object_of_something_else_is_refused"),
     ledger("a folder with a checkpoint is not filled", LOG, always!("folder::read_checkpoint(dir)?.is_none()"),

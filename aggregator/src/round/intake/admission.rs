@@ -1,4 +1,4 @@
-//! The first step of recording a request: the ledger has it already, or the rules allow it so far.
+//! The first step of recording a request: the ledger has it, or the rules allow it so far.
 
 use crate::round::request_error::RequestError;
 use zk0_ledger::error::LedgerError;

@@ -1,7 +1,7 @@
-//! When requests arrived. A request is in time if its last byte arrived in time, however long its verification takes.
+//! When requests arrived. A request is in time if its last byte is, however long its verification takes.
 //!
-//! The ledger judges by the times of entries, which never go back. So once a deadline has passed, nothing that arrived after it is
-//! recorded, and no round closes, until everything that arrived before it is done. That wait is bounded: only whole requests are stamped.
+//! The ledger judges by the times of entries, which never go back. So once a deadline has passed, nothing that arrived later is recorded,
+//! and no round closes, until everything that arrived before is done. That wait is bounded: only whole requests are stamped.
 
 use crate::clock::Clock;
 use crate::round::request_error::RequestError;
@@ -51,7 +51,7 @@ impl Arrivals {
     /// The clock is wrong.
     pub fn stamp(self: &Arc<Self>) -> Result<Arrival, RequestError> {
         let mut pending = self.pending();
-        // The clock is read while the set is locked: a task that has seen a later time finds this request.
+        // The clock is read under the lock: a task that has seen a later time finds this request.
         let at_ms = self.now_ms()?;
         let number = pending.next;
         pending.next += 1;

@@ -1,5 +1,5 @@
-//! Blobs that are deleted while requests go on ([`zk0_ledger::prune`]). A request may send a file that an old round has named, too. Nothing is
-//! recorded that names a blob which is being deleted, or was deleted since the request has looked: it is sent again, and is kept then.
+//! Blobs that are deleted while requests go on ([`zk0_ledger::prune`]). A request may send a file that an old round has named, too. Nothing
+//! is recorded that names a blob which is being deleted, or was since the request looked: it is sent again, and is kept then.
 
 use crate::round::aggregator::Aggregator;
 use crate::round::intake::group::ToRecord;
@@ -7,7 +7,7 @@ use crate::round::request_error::RequestError;
 use zk0_ledger::prune::{PrunableLedger, PrunePlan, SignedPlan};
 use zk0_protocol::rules::named_blobs::named_blobs;
 
-/// How many blobs are deleted at once. A round's end waits for so many.
+/// How many blobs are deleted at once, while a round's end waits.
 const AT_ONCE: usize = 64;
 
 impl Aggregator {
@@ -17,7 +17,7 @@ impl Aggregator {
         PrunableLedger::of(&self.ledger, published)
     }
 
-    /// Takes the next part out of a plan, less what was recorded since, and signs it. No entry names one of its blobs until [`Self::deleted`].
+    /// Takes the next part out of a plan, less what was recorded since, and signs it. No entry names its blobs until [`Self::deleted`].
     pub fn doom(&mut self, plan: &mut PrunePlan) -> Result<SignedPlan, RequestError> {
         plan.spare_new(&self.ledger)?;
         let part = plan.part(AT_ONCE);
@@ -25,7 +25,7 @@ impl Aggregator {
         Ok(part.signed(&self.ledger))
     }
 
-    /// Notes that nothing is being deleted any more.
+    /// Records that nothing is being deleted any more.
     pub fn deleted(&mut self) {
         self.doomed.clear();
     }

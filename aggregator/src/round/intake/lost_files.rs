@@ -1,6 +1,5 @@
 //! Lost files of the open round: a committed update, or an accepted proof. The round cannot close without them. The aggregator asks their
-//! node, which keeps both until the round has closed. After the time in the rules, the file is given up: the round closes without the
-//! contribution.
+//! node, which keeps both until the round has closed. After the time in the rules, the round closes without the contribution.
 
 use crate::round::aggregator::Aggregator;
 use crate::round::request_error::RequestError;
@@ -93,7 +92,7 @@ impl Aggregator {
     }
 
     /// Records that these files are lost, and leaves out the contributions whose time in the rules is over. Returns why the round cannot
-    /// close yet, if so.
+    /// close yet.
     pub(in crate::round) fn lose(
         &mut self,
         all: &[ContributedFiles],

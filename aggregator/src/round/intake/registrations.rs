@@ -1,4 +1,4 @@
-//! How often a node registers a dataset: normally when its recording has grown, or when the rules ask for other frames.
+//! How often a node registers a dataset: normally when its recording has grown, or the rules ask for other frames.
 //!
 //! A registration stays on the ledger for ever, and every replay holds its episodes, up to 1,500, in memory. Between rounds the rules set
 //! no limit, so the aggregator does.
@@ -41,7 +41,7 @@ impl Registrations {
         }
     }
 
-    /// The first of the last [`MAX_REGISTRATIONS`] entries of a node, if there are so many. [`PERIOD_MS`] later, it may register again.
+    /// The first of a node's last [`MAX_REGISTRATIONS`] entries, if there are so many. [`PERIOD_MS`] later, it may register again.
     pub fn first(&self, node: &NodeId) -> Option<u64> {
         let last = self.0.get(node)?;
         last.front()

@@ -1,7 +1,7 @@
-//! Uploaded updates without a commitment. They lie on disk, in a folder for each round and node, within a quota.
+//! Uploaded updates without a commitment, on disk, in a folder for each round and node, within a quota.
 //!
-//! A node can commit only to its own upload. A cut upload stays, so that the node goes on after it. What is not committed is removed at
-//! the end of the round.
+//! A node can commit only to its own upload. A cut upload stays, so that the node goes on after it. The end of the round removes what is
+//! not committed.
 
 use std::path::{Path, PathBuf};
 use std::{fs, io};
@@ -70,7 +70,7 @@ impl Staging {
         Ok(blobs.held(&request.blob)? == 0 && has_room(&blobs, &request.blob)?)
     }
 
-    /// Goes on with an upload at byte `begins`. Reads what is here of it. `None` if all of it is here.
+    /// Goes on with an upload at byte `begins`, after reading what is here. `None` if all of it is here.
     pub fn go_on(
         &self,
         request: &UploadRequest,
@@ -90,8 +90,7 @@ impl Staging {
         Ok(Some(blobs.partial(&request.blob, request.size)?))
     }
 
-    /// Removes the uploads of the rounds up to `last`, perhaps for seconds. An upload still in progress may leave something for the next
-    /// call.
+    /// Removes the uploads of the rounds up to `last`, perhaps for seconds. An upload in progress may leave something for the next call.
     pub fn clear(&self, last: u64) -> Result<(), StagingError> {
         let failed = |path: &Path| {
             let path = path.to_owned();

@@ -1,8 +1,8 @@
 //! Records what nodes, members and the operator sign, in three steps. The first compares a statement with the ledger's state. The second
-//! uses files, and needs no aggregator, so that the rounds go on. The third compares once more and records
-//! ([`crate::round::intake::group`]). [`SentStatement::read`] has verified signatures before.
+//! uses files, and needs no aggregator, so that the rounds go on. The third compares again and records ([`crate::round::intake::group`]).
+//! [`SentStatement::read`] has verified signatures before.
 //!
-//! What is recorded already gets the same receipt. [`crate::round::intake::submission`] has the same steps for submissions.
+//! A repeated statement gets the same receipt. [`crate::round::intake::submission`] has the same steps.
 
 use crate::round::aggregator::Aggregator;
 use crate::round::intake::admission::Comparison;
@@ -34,7 +34,7 @@ use zk0_protocol::tlog::receipt::Receipt;
 use zk0_protocol::RefusalCode;
 use zk0_verifier::dataset::check_leaf_list;
 
-/// A statement as it was sent. Its signatures are valid.
+/// A statement as it was sent, with valid signatures.
 pub struct SentStatement {
     /// What the ledger records of it.
     body: AuthenticBody,
@@ -236,7 +236,7 @@ impl AllowedStatement {
         }
     }
 
-    /// Refuses missing or unusable public samples, with which no round could close, and lost weights, from which no round could start.
+    /// Refuses missing or unusable public samples, with which no round could close, and lost weights, from which none could start.
     fn check_proposed(&self, action: &Action) -> Result<(), RequestError> {
         match action {
             Action::ChangeRules(rules) => {

@@ -81,7 +81,7 @@ impl Aggregator {
     }
 
     /// # Errors
-    /// The claim is for another network or round, or the node is not enrolled, has not committed or has submitted something else. That is
+    /// The claim is for another network or round; or the node is not enrolled, has not committed or has submitted something else. That is
     /// not recorded, because others may repeat what a node once signed.
     fn pending(&self, claim: &Claim, arrived_ms: u64) -> Result<PendingSubmission, RequestError> {
         let (state, node) = (self.state(), claim.terms.node);
@@ -114,7 +114,7 @@ impl PendingSubmission {
         Ok((self, contribution))
     }
 
-    /// Reads weights from the store that are not in the ledger's folder.
+    /// Reads weights from the store that the ledger's folder lacks.
     pub fn with_weights_at_hand(self) -> Result<Self, RequestError> {
         for blob in &self.weights {
             if self.blobs.contains(blob) {

@@ -17,7 +17,7 @@ impl Service {
         let mut reported = None;
         loop {
             if let Err(error) = self.shrink(limit).await {
-                // It is retried, so the log states the same reason once.
+                // It is retried, so the log states the reason once.
                 let why = error.to_string();
                 if reported.as_ref() != Some(&why) {
                     tracing::error!("the blobs in the ledger's folder stay: {why}");

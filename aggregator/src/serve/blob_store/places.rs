@@ -22,7 +22,7 @@ const NODES_WAITING: usize = 1024;
 pub(in crate::serve) struct BlobPlaces {
     pub(super) storing: Arc<Semaphore>,
     pub(super) reading: WorkQueue,
-    /// As many for downloads of nodes: strangers do not hold them up.
+    /// As many for nodes' downloads, apart from strangers'.
     pub(super) reading_for_nodes: WorkQueue,
     pub(super) reads: StoreReads,
     /// Bytes of blobs in the ledger's folder; `None` for no limit.

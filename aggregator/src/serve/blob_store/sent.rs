@@ -19,10 +19,9 @@ use zk0_protocol::entries::signed::UploadRequest;
 /// Some stores ask others for signatures.
 const SIGNING: Duration = Duration::from_secs(10);
 
-/// How often the end of a round is looked for.
+/// How often this looks for the end of a round.
 const EVERY: Duration = Duration::from_secs(5);
 
-/// The pause after a failed removal.
 const RETRY: Duration = Duration::from_secs(30);
 
 impl Service {
@@ -70,7 +69,7 @@ impl Service {
         let stopped = Arc::new(AtomicBool::new(false));
         let (request, stop) = (upload.clone(), stopped.clone());
         let take = move || {
-            // Until this has ended, no other task writes for this node.
+            // Until this ends, no other task writes for this node.
             let _turn = turn;
             let Some(partial) = staging.go_on(&request, 0)? else {
                 return Ok(false);
@@ -94,7 +93,7 @@ impl Service {
             Ok(taken) => taken,
             Err(error) => return Err(self.why(&upload, error).await.into()),
         };
-        // A node that has lost the answer asks again for what is here.
+        // A node that has lost the answer asks again.
         if taken {
             self.metrics().uploaded("store");
             tracing::info!(node = %upload.node, update = %upload.blob, size = upload.size, "update taken from the blob store");
@@ -132,7 +131,7 @@ impl Service {
                     }
                 }
                 Err(error) => {
-                    // It is retried, so the log states the same reason once.
+                    // It is retried, so the log states the reason once.
                     let why = error.to_string();
                     if reported.as_ref() != Some(&why) {
                         tracing::error!("uploads of ended rounds stay in the blob store: {why}");

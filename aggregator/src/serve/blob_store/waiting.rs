@@ -9,7 +9,7 @@ use zk0_circuits::Digest;
 use zk0_ledger::blobs::{BlobError, Blobs};
 
 impl Service {
-    /// Bounds the bytes of blobs in the ledger's folder, beside those of the open round and the next one. The store has the others.
+    /// Bounds the bytes of blobs in the ledger's folder, beside those of the open and the next round. The store has the others.
     pub fn with_blob_cache(mut self, bytes: u64) -> Self {
         self.blob_places.cache_bytes = Some(bytes);
         self
@@ -29,7 +29,7 @@ impl Service {
         stored.instrument(span).await
     }
 
-    /// A blob's file for a download, also of a stranger. Few wait to read the store, and a caller that has left waits no more: otherwise
+    /// A blob's file for a download, also of a stranger. Few wait to read the store, and a caller that leaves waits no more: otherwise
     /// strangers could hold the turns of all requests.
     pub(in crate::serve) async fn file(
         &self,
@@ -63,7 +63,7 @@ impl Service {
     }
 }
 
-/// Why a blob is not downloaded. It may have been pruned since the request has looked.
+/// Why a blob is not downloaded. It may have been pruned meanwhile.
 fn unread(error: &BlobError) -> RequestError {
     match error {
         BlobError::Missing(blob) => RequestError::NotKept(*blob),

@@ -2,11 +2,11 @@
 //!
 //! A client that has lost an answer signs another head and repeats its statement, for the same receipt.
 //!
-//! Heads are not on disk. A started aggregator makes a new run, and takes no heads of other runs. So a restart revives no old head,
-//! whatever the clocks show, and needs no wait.
+//! Heads are not on disk. A started aggregator makes a new run, and takes no heads of others. So a restart revives no old head, whatever
+//! the clocks show, and needs no wait.
 //!
-//! A head is forgotten when it is too old to count. A clock set forward and back would revive it. So the window remembers the latest time
-//! of which it has forgotten a head, and takes none of that time or before.
+//! A head too old to count is forgotten. A clock set forward and back would revive it. So the window remembers the latest time of which it
+//! has forgotten a head, and takes none of that time or before.
 
 use std::collections::{BTreeSet, HashMap};
 use std::sync::{Mutex, PoisonError};
@@ -31,7 +31,6 @@ pub struct ReplayWindow {
 #[derive(Default)]
 struct SeenHeads {
     heads: BTreeSet<(u64, [u8; 16])>,
-    /// The latest time of which a head is forgotten.
     forgotten_ms: Option<u64>,
 }
 

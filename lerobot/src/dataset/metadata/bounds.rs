@@ -18,7 +18,7 @@ pub(crate) struct RecordedBounds {
     pub count: Option<f64>,
 }
 
-/// Those of states and of actions, after the file that has them. In v2.1, pooled over episodes.
+/// Of states and actions, after their file; in v2.1 pooled over episodes.
 pub(crate) fn read(
     root: &Path,
     info: &Info,
@@ -66,7 +66,6 @@ impl RecordedBounds {
         }
     }
 
-    /// Of both together.
     fn and(self, other: Self) -> Self {
         Self {
             min: each(self.min, other.min, f64::min),

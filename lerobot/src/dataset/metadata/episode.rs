@@ -19,7 +19,6 @@ pub struct Episode {
 }
 
 impl Episode {
-    /// Its stretch of a camera's video, if any.
     pub(crate) fn video(&self, camera: usize) -> Option<&VideoSpan> {
         self.videos.get(camera)?.as_ref()
     }

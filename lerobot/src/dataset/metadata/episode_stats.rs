@@ -16,7 +16,7 @@ struct StatsLine {
     stats: EpisodeStats,
 }
 
-/// The normalised features; statistics of others are not read.
+/// Other features' statistics are not read.
 #[derive(Deserialize)]
 struct EpisodeStats {
     #[serde(rename = "observation.state")]

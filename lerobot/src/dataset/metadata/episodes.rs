@@ -106,7 +106,6 @@ fn next(episodes: &[Episode]) -> (usize, usize) {
     (episodes.len(), episodes.last().map_or(0, |e| e.frames.end))
 }
 
-/// An episode's place among the others.
 struct EpisodeRow {
     index: i64,
     length: i64,
@@ -122,7 +121,6 @@ impl EpisodeRow {
     }
 }
 
-/// Column names, also for the cameras.
 struct EpisodeColumns {
     /// The [`EpisodeColumns::HINTS`] that exist.
     hints: Vec<&'static str>,

@@ -140,7 +140,6 @@ struct RawFeature {
 }
 
 impl RawFeature {
-    /// Whether it holds distances instead of colours.
     fn is_depth_map(&self) -> bool {
         let reports = |key: &str| {
             let info = self.info.as_ref();
@@ -177,7 +176,7 @@ impl Info {
     /// Reads and checks `meta/info.json` under `root`.
     ///
     /// # Errors
-    /// The folder or file is missing, or a value cannot be read: which, and why.
+    /// The folder or file is missing, or a value cannot be read.
     pub fn read(root: &Path) -> Result<Self, DatasetError> {
         if !root.is_dir() {
             return Err(DatasetError::NoFolder { path: root.into() });
@@ -193,7 +192,6 @@ impl Info {
         }
     }
 
-    /// Checks `text` of the file `path`.
     pub(crate) fn parse(path: &Path, text: &str) -> Result<Self, DatasetError> {
         let broken = |cause: String| DatasetError::meta(path, cause);
 
@@ -285,7 +283,6 @@ impl Info {
         }
     }
 
-    /// A data file of the dataset in `root`.
     pub(crate) fn data_file(
         &self,
         root: &Path,
@@ -294,7 +291,7 @@ impl Info {
         in_folder(root, fill(&self.data_path, "", place))
     }
 
-    /// A camera's video file of the dataset in `root`; it must exist.
+    /// The file must exist.
     pub(crate) fn video_file(
         &self,
         root: &Path,

@@ -16,7 +16,6 @@ const MAX_FILE: u64 = 16 << 20;
 /// Longest line read of a `.jsonl` file, in bytes.
 const MAX_LINE: u64 = 1 << 20;
 
-/// Reads a metadata file of bounded size.
 pub(crate) fn read_text(path: &Path) -> Result<String, DatasetError> {
     let bytes = bounded_file::read(path, MAX_FILE).map_err(|e| match e.kind() {
         ErrorKind::FileTooLarge => {
@@ -39,7 +38,7 @@ pub(crate) fn parse<T: DeserializeOwned>(text: &str) -> serde_json::Result<T> {
     }
 }
 
-/// The text with Python's non-finite numbers replaced, except within strings.
+/// Leaves JSON strings as they are.
 fn without_python_numbers(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     let mut rest = text;
@@ -78,14 +77,12 @@ pub(crate) fn whole_number<'de, D: Deserializer<'de>, T: TryFrom<u64>>(
         .ok_or_else(|| D::Error::custom(format!("{value} where a whole number is expected")))
 }
 
-/// The same or none.
 pub(crate) fn whole_number_or_none<'de, D: Deserializer<'de>, T: TryFrom<u64>>(
     deserializer: D,
 ) -> Result<Option<T>, D::Error> {
     Ok(Option::<Whole<T>>::deserialize(deserializer)?.map(|whole| whole.0))
 }
 
-/// A list of the same.
 pub(crate) fn whole_numbers<'de, D: Deserializer<'de>, T: TryFrom<u64>>(
     deserializer: D,
 ) -> Result<Vec<T>, D::Error> {
@@ -123,9 +120,6 @@ pub(crate) fn numbers<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<
 const EXACT: f64 = (1u64 << 53) as f64;
 
 /// Gives each line's object of a `.jsonl` file to `each`, with the line number from 1; skips empty lines.
-///
-/// # Errors
-/// The file is missing, a line is too long or bad JSON (which line, and why), or `each` fails.
 pub(crate) fn read_lines<T: DeserializeOwned>(
     path: &Path,
     mut each: impl FnMut(usize, T) -> Result<(), DatasetError>,

@@ -22,7 +22,7 @@ pub struct Normalizer {
     std: Vec<f32>,
 }
 
-/// Mean and standard deviation per dimension, as files have them.
+/// Per dimension, as files have them.
 #[derive(Clone, Serialize, Deserialize)]
 pub(crate) struct MeanAndStd {
     #[serde(deserialize_with = "json::numbers")]
@@ -100,7 +100,6 @@ impl TryFrom<MeanAndStd> for Normalizer {
 }
 
 impl Normalizer {
-    /// From moments of `dim` dimensions.
     pub(crate) fn of(moments: &MeanAndStd, dim: usize) -> Result<Self, String> {
         let MeanAndStd { mean, std } = moments;
         if mean.len() != dim || std.len() != dim {

@@ -9,7 +9,7 @@ use crate::dataset::metadata::json::{self, read_text};
 use crate::dataset::metadata::normalizer::{MeanAndStd, Normalizer, Stats};
 use crate::dataset::{DatasetError, Episode, Info};
 
-/// Reads and checks the statistics under `root`: `meta/stats.json`, or in v2.1 the episodes', pooled.
+/// From `meta/stats.json`, or in v2.1 the episodes', pooled.
 pub(crate) fn read(root: &Path, info: &Info, episodes: &[Episode]) -> Result<Stats, DatasetError> {
     if info.format == FormatVersion::V21 {
         episode_stats::read(root, info, episodes)

@@ -39,8 +39,7 @@ pub(crate) fn read_tasks(root: &Path, info: &Info) -> Result<Vec<String>, Datase
     tasks.complete(path)
 }
 
-/// The column of the task strings: the index of LeRobot's pandas table. LeRobot names it from 0.5 on, pandas did before. Other writers'
-/// names are in pandas' notes in the file.
+/// The index of LeRobot's pandas table: LeRobot names it from 0.5 on, pandas did before, and other writers' names are in pandas' notes.
 fn task_column(path: &Path) -> Result<String, DatasetError> {
     const SINCE_0_5: &str = "task";
     const BEFORE: &str = "__index_level_0__";
@@ -110,7 +109,7 @@ struct TaskLine {
     task: String,
 }
 
-/// Adds all tasks of `meta/tasks.jsonl` (v2.x); returns its path.
+/// Of v2.x; returns the file's path.
 fn read_jsonl(root: &Path, tasks: &mut Tasks) -> Result<PathBuf, DatasetError> {
     let path = root.join("meta/tasks.jsonl");
     json::read_lines(&path, |_, line: TaskLine| {

@@ -7,9 +7,6 @@ use crate::dataset::picture::{jpeg, png};
 const PIXELS_PER_BYTE: usize = 1100;
 
 /// RGB of a PNG or JPEG picture, `[3, height, width]`.
-///
-/// # Errors
-/// The picture is of another size or kind, or damaged.
 pub(crate) fn decode(encoded: &[u8], height: usize, width: usize) -> Result<Vec<u8>, String> {
     let pixels = interleaved(encoded, height, width)?;
     Ok((0..3)
@@ -18,9 +15,6 @@ pub(crate) fn decode(encoded: &[u8], height: usize, width: usize) -> Result<Vec<
 }
 
 /// The same as `[height, width, 3]`.
-///
-/// # Errors
-/// As [`decode`].
 pub(crate) fn interleaved(encoded: &[u8], height: usize, width: usize) -> Result<Vec<u8>, String> {
     let decoder = match encoded {
         [0x89, b'P', b'N', b'G', ..] => png::rgb,

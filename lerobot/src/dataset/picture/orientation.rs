@@ -1,6 +1,6 @@
 //! The turn that a picture's EXIF block notes. LeRobot turns the picture by it.
 
-/// EXIF's tag of the orientation.
+/// EXIF's tag.
 const ORIENTATION: u16 = 0x0112;
 
 /// The orientation that a PNG or JPEG picture notes: 1 is upright.

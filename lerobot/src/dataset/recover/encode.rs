@@ -47,9 +47,6 @@ pub(crate) fn refusal(camera: &Camera, pictures: &[PathBuf]) -> Option<String> {
 }
 
 /// Writes the episodes' pictures to `out`, episode after episode.
-///
-/// # Errors
-/// A picture is damaged or of another size, or `out` cannot be written.
 pub(crate) fn write_mp4(
     out: &Path,
     camera: &Camera,

@@ -19,9 +19,6 @@ use crate::dataset::recover::stored;
 use crate::dataset::{Dataset, DatasetError};
 
 /// Chooses the episodes to save, and reports on all.
-///
-/// # Errors
-/// A folder cannot be read, or no episode can be saved.
 pub(crate) fn choose(root: &Path, source: Source) -> Result<(Recording, Recovered), DatasetError> {
     let Source { info, places, .. } = &source;
     let mut episodes = rows::episodes(places, info.fps, source.tasks.len());
@@ -112,20 +109,17 @@ pub(crate) fn choose(root: &Path, source: Source) -> Result<(Recording, Recovere
     Ok((recording(source, &episodes, cameras, stored), report))
 }
 
-/// Leaves only what belongs to kept episodes.
 fn keep<T>(of_episodes: &mut Vec<T>, kept: &[bool]) {
     let mut kept = kept.iter();
     of_episodes.retain(|_| kept.next() == Some(&true));
 }
 
-/// A camera with pictures in the rows.
 struct PicturesInRows {
     camera: String,
     /// Per episode, or why it cannot be saved.
     statistics: Vec<Result<Statistics, String>>,
 }
 
-/// Where an episode's pictures are.
 enum Pictures {
     /// In a video by LeRobot.
     Video(Stretch),

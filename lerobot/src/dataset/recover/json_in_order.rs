@@ -6,10 +6,8 @@ use serde::de::{Deserialize, Deserializer, MapAccess, SeqAccess, Visitor};
 use serde::ser::{Serialize, SerializeMap, Serializer};
 use serde_json::Value;
 
-/// An object, or anything else.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum JsonInOrder {
-    /// An object's keys and values.
     Object(Vec<(String, JsonInOrder)>),
     /// Anything else. Objects within lists are sorted by key.
     Other(Value),

@@ -87,7 +87,6 @@ pub(crate) fn pictures(
     Ok(pictures)
 }
 
-/// Episodes of which the camera left pictures.
 pub(crate) fn episodes_with_pictures(root: &Path, camera: &str) -> Result<Vec<u64>, DatasetError> {
     let folders = entries(&root.join("images").join(camera))?;
     let number = |path: &PathBuf| name(path).strip_prefix("episode-")?.parse().ok();

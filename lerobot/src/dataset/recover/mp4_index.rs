@@ -20,7 +20,7 @@ pub(crate) fn start() -> Vec<u8> {
     [&kind[..], &[0, 0, 0, 1], b"mdat", &[0; 8]].concat()
 }
 
-/// The length of the samples' box, for samples that end at byte `end`.
+/// For samples that end at byte `end`.
 pub(crate) fn length(end: u64) -> [u8; 8] {
     (end + 16 - start().len() as u64).to_be_bytes()
 }

@@ -19,7 +19,6 @@ pub(crate) struct Stretch {
     pub to: f64,
 }
 
-/// Where the episodes' pictures are.
 #[derive(Debug, Default, PartialEq)]
 pub(crate) struct Placing {
     /// For the first episodes, in order; the others have no pictures here.

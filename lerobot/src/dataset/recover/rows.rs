@@ -29,7 +29,7 @@ pub(crate) struct EpisodeRows {
     pub is_placed: bool,
 }
 
-/// The episodes in `rows`, in order. There are `tasks` tasks.
+/// The recording has `tasks` tasks.
 pub(crate) fn episodes(rows: &[RowPlace], fps: u32, tasks: usize) -> Vec<EpisodeRows> {
     let (mut found, mut start): (Vec<EpisodeRows>, _) = (Vec::new(), 0);
     for run in rows.chunk_by(|a, b| a.episode == b.episode) {

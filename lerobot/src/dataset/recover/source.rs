@@ -74,7 +74,6 @@ impl Source {
     }
 }
 
-/// The data files, in order.
 pub(crate) fn data_files(root: &Path) -> Result<Vec<PathBuf>, DatasetError> {
     numbered_files(&root.join("data"), "parquet")
 }

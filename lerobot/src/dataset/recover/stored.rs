@@ -36,7 +36,6 @@ impl DataFiles {
         }
     }
 
-    /// Adds a file of so many rows.
     pub fn add(&mut self, path: &Path, metadata: ArrowReaderMetadata, rows: usize) {
         let start = self.files.last().map_or(0, |file| file.rows.end);
         self.files.push(UnfinishedFile {
@@ -55,7 +54,7 @@ impl DataFiles {
     }
 }
 
-/// One camera's pictures. One data file is open, with at most one page in memory.
+/// One data file is open, with at most one page in memory.
 pub(crate) struct StoredPictures<'a> {
     files: &'a DataFiles,
     camera: String,
@@ -64,9 +63,6 @@ pub(crate) struct StoredPictures<'a> {
 
 impl StoredPictures<'_> {
     /// The picture of a row, counted over all files.
-    ///
-    /// # Errors
-    /// It is missing or cannot be read: the file and the cause.
     pub fn stored(&mut self, row: usize) -> Result<StoredPicture, DatasetError> {
         let DataFiles { root, files } = self.files;
         let at = files.partition_point(|file| file.rows.end <= row);

@@ -18,7 +18,6 @@ pub(crate) fn explained(root: &Path, info: &Info, error: DatasetError) -> Datase
     }
 }
 
-/// What shows that a recording ended too early.
 fn sign(root: &Path, info: &Info) -> Option<String> {
     let data = data_files(root).unwrap_or_default();
     if let Some(path) = data.iter().find(|path| lacks_footer(path)) {

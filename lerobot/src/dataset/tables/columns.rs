@@ -19,9 +19,6 @@ const BATCH: usize = 1024;
 const TEXT_BATCH: usize = 16;
 
 /// Hands the named columns of a parquet file to `each`, batch by batch in row order. A row holds at most `per_row` values of a column.
-///
-/// # Errors
-/// The file is missing or damaged, lacks a column, or claims too large pages; or `each` fails.
 pub(crate) fn read(
     path: &Path,
     columns: &[&str],
@@ -49,9 +46,6 @@ pub(crate) fn read(
 }
 
 /// Which of `names` are columns of a parquet file.
-///
-/// # Errors
-/// The file is missing or damaged.
 pub(crate) fn present<'a>(path: &Path, names: &[&'a str]) -> Result<Vec<&'a str>, DatasetError> {
     let (_, metadata) = parquet_file::open(path)?;
     let fields = metadata.parquet_schema().root_schema().get_fields();
@@ -62,9 +56,6 @@ pub(crate) fn present<'a>(path: &Path, names: &[&'a str]) -> Result<Vec<&'a str>
 }
 
 /// pandas' index column, where the file names one.
-///
-/// # Errors
-/// The file is missing or damaged.
 pub(crate) fn pandas_index(path: &Path) -> Result<Option<String>, DatasetError> {
     let (_, metadata) = parquet_file::open(path)?;
     let notes = metadata.metadata().file_metadata().key_value_metadata();

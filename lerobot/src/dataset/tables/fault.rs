@@ -23,7 +23,6 @@ impl std::fmt::Display for ParquetFault {
 }
 
 impl ParquetFault {
-    /// The same about a column.
     pub fn in_column(self, name: &str) -> Self {
         let within = |cause: String| format!("column {name}: {cause}");
         match self {

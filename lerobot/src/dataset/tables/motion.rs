@@ -194,7 +194,6 @@ impl Motion {
         &self.actions[frame * self.action_dim..][..self.action_dim]
     }
 
-    /// Statistics of all states and actions.
     pub fn spreads(&self) -> [Spread; 2] {
         [
             Spread::of(&self.states, self.state_dim),
@@ -307,7 +306,6 @@ impl<'a> MotionRows<'a> {
     }
 }
 
-/// A data file, and what it must agree with.
 struct DataFile<'a> {
     path: &'a Path,
     info: &'a Info,

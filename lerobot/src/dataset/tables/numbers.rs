@@ -13,7 +13,6 @@ use arrow_schema::DataType;
 /// From here on, float64 skips whole numbers.
 const EXACT: f64 = (1u64 << 53) as f64;
 
-/// Why a column lacks the requested numbers.
 pub(super) enum ColumnMisfit {
     /// Not numeric.
     Type,

@@ -17,9 +17,6 @@ const BROTLI_LARGE_WINDOW: u8 = 0x11;
 const LZ4_FRAMES: [[u8; 4]; 2] = [[0x04, 0x22, 0x4d, 0x18], [0x02, 0x21, 0x4c, 0x18]];
 
 /// Checks that `page` decompresses to at most `claimed` bytes.
-///
-/// # Errors
-/// It does not, or it cannot be decompressed.
 pub(super) fn check(codec: Compression, page: impl Read, claimed: u64) -> Result<(), ParquetFault> {
     let mut page = BufReader::with_capacity(PIECE, page);
     match codec {

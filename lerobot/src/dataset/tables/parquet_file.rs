@@ -37,7 +37,6 @@ pub(super) fn reader(
     ))
 }
 
-/// Leaves of the file's columns.
 pub(super) fn projection(
     path: &Path,
     metadata: &ArrowReaderMetadata,
@@ -55,7 +54,6 @@ pub(super) fn projection(
     Ok(ProjectionMask::roots(schema, roots))
 }
 
-/// Whether a file has the ending of an encrypted footer.
 fn is_encrypted(mut file: &File) -> bool {
     let mut magic = [0; 4];
     let read = file

@@ -30,9 +30,6 @@ const DELTA_BYTE_ARRAY: i64 = 7;
 const ROWS_PER_BYTE: u64 = 4;
 
 /// Checks the pages of number and string columns in `mask`, with at most `per_row` values a row.
-///
-/// # Errors
-/// The refused claim.
 pub(super) fn check(
     file: &File,
     metadata: &ParquetMetaData,
@@ -52,9 +49,6 @@ pub(super) fn check(
 }
 
 /// Checks a picture column's pages in one row group; `mask` has all its leaves.
-///
-/// # Errors
-/// The refused claim.
 pub(super) fn check_pictures(
     file: &File,
     group: &RowGroupMetaData,
@@ -67,7 +61,6 @@ fn row_count(group: &RowGroupMetaData) -> Result<u64, ParquetFault> {
     u64::try_from(group.num_rows()).map_err(|_| "a negative number of rows".into())
 }
 
-/// What a column's bytes are.
 #[derive(Clone, Copy, PartialEq)]
 enum ColumnContent {
     /// Numbers and strings, decoded in batches.
@@ -180,7 +173,6 @@ fn check_chunk(
     Ok(())
 }
 
-/// What matters of a page's header.
 #[derive(Debug, PartialEq)]
 struct PageHeader {
     uncompressed: u64,

@@ -17,7 +17,6 @@ use crate::dataset::DatasetError;
 /// Largest file of one picture, in bytes.
 const MAX_FILE: u64 = 64 << 20;
 
-/// A camera's column of an open data file.
 pub(crate) struct PictureColumn {
     root: PathBuf,
     path: PathBuf,
@@ -39,7 +38,6 @@ pub(crate) struct StoredPicture {
     pub name: Option<String>,
 }
 
-/// A reader and its place within a row group.
 struct Reading {
     reader: ParquetRecordBatchReader,
     next: usize,
@@ -47,19 +45,12 @@ struct Reading {
 }
 
 impl PictureColumn {
-    /// Opens data file `path` of the recording in `root`.
-    ///
-    /// # Errors
-    /// The file is missing or damaged, or lacks the column.
     pub fn open(root: &Path, path: &Path, column: &str) -> Result<Self, DatasetError> {
         let (file, metadata) = parquet_file::open(path)?;
         Self::of(root, path, column, file, metadata)
     }
 
     /// The same of an open file with known `metadata`, for files without a footer.
-    ///
-    /// # Errors
-    /// The file lacks the column.
     pub fn of(
         root: &Path,
         path: &Path,
@@ -85,9 +76,6 @@ impl PictureColumn {
     }
 
     /// The picture of a row. Ascending order decompresses every page once.
-    ///
-    /// # Errors
-    /// There is none, or it cannot be read: the file and the cause.
     pub fn stored(&mut self, row: usize) -> Result<StoredPicture, DatasetError> {
         // Taken out, so that a failed reader is not used again.
         let mut reading = match self.reading.take() {

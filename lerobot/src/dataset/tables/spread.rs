@@ -11,7 +11,6 @@ pub(crate) struct Spread {
 }
 
 impl Spread {
-    /// Of rows of `dim` values.
     pub fn of(values: &[f32], dim: usize) -> Self {
         let rows = values.len() / dim.max(1);
         let mut spread = Self {

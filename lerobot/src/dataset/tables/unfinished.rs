@@ -14,7 +14,6 @@ use parquet::schema::types::SchemaDescPtr;
 
 use crate::dataset::tables::thrift::{Thrift, I32, STRUCT};
 
-/// First and last bytes of a parquet file.
 pub(crate) const MAGIC: [u8; 4] = *b"PAR1";
 /// Most columns in all row groups; each takes some hundred bytes of memory. LeRobot writes a row group per episode.
 const MAX_CHUNKS: usize = 1_000_000;
@@ -26,7 +25,6 @@ pub(crate) struct RowGroup {
     pub chunks: Vec<ColumnChunk>,
 }
 
-/// Where a column's values in a row group are.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct ColumnChunk {
     /// The dictionary's page; LeRobot's writer leaves it out only for truth values.
@@ -41,9 +39,6 @@ pub(crate) struct ColumnChunk {
 }
 
 /// The whole row groups at the start of a file. `per_row`: values a row in each leaf column.
-///
-/// # Errors
-/// The file cannot be read.
 pub(crate) fn row_groups(
     file: impl Read + Seek,
     per_row: &[u64],
@@ -89,7 +84,6 @@ pub(crate) fn footer(
     ))
 }
 
-/// A file's pages in order.
 struct PageReader<F> {
     file: BufReader<F>,
     len: u64,
@@ -236,7 +230,6 @@ mod tests {
     use super::*;
     use std::io::Cursor;
 
-    /// A page of so many values and bytes.
     fn page(values: u8, len: u8) -> Vec<u8> {
         // Type 0; sizes and number of values are zigzag numbers.
         let header = [

@@ -21,7 +21,6 @@ use crate::dataset::DatasetError;
 
 /// Most values of a recording (1 GiB of float32): four days of two arms at 30 frames per second.
 pub(crate) const MAX_VALUES: u64 = 1 << 28;
-/// Rows decoded at once.
 const BATCH: usize = 4096;
 
 pub(crate) struct WholeRows {
@@ -55,9 +54,6 @@ fn ends(file: &mut File) -> bool {
 
 /// Reads a data file with the columns of `schema`: numbers, truth values, and their fixed-length lists. Skips pictures (structures).
 /// Without a footer, reads the whole row groups. Rows may hold at most `most` values.
-///
-/// # Errors
-/// The file cannot be read, is damaged despite its footer, or is too large for memory.
 pub(crate) fn read(path: &Path, schema: &SchemaRef, most: u64) -> Result<WholeRows, DatasetError> {
     let mut file = File::open(path).map_err(|e| DatasetError::io(path, e))?;
     let per_row: Vec<u64> = schema

@@ -13,7 +13,6 @@ pub(crate) struct Av1 {
 }
 
 impl Av1 {
-    /// A new decoder of `height x width` pictures.
     pub fn new(height: usize, width: usize) -> Result<Self, String> {
         let mut settings = Settings::new();
         // With one thread, every frame comes out at once, the same on every machine.
@@ -32,7 +31,6 @@ impl Av1 {
         })
     }
 
-    /// The decoder reset to its start.
     pub fn emptied(mut self) -> Self {
         self.decoder.flush();
         self

@@ -19,14 +19,12 @@ use crate::dataset::DatasetError;
 /// FFmpeg's start takes as long as about so many small pictures.
 const WORTH_A_START: usize = 60;
 
-/// A decoder for one file.
 pub(super) struct ByFfmpeg {
     kind: PictureKind,
     player: Option<(Player, PictureOrder)>,
 }
 
 impl ByFfmpeg {
-    /// A new decoder of pictures of this kind.
     pub fn new(kind: PictureKind) -> Self {
         Self { kind, player: None }
     }
@@ -146,7 +144,6 @@ fn near(player: &Player, number: usize) -> bool {
     (next..next + WORTH_A_START).contains(&number)
 }
 
-/// Bytes of the planes.
 fn sizes(format: YuvFormat, height: usize, width: usize) -> [usize; 3] {
     let (rows, columns) = format.chroma_size(height, width);
     [height * width, rows * columns, rows * columns].map(|samples| samples * format.sample_bytes())

@@ -13,7 +13,6 @@ use crate::dataset::DatasetError;
 /// Most pictures that may be decoded before an earlier one is shown; H.264's limit.
 const MAX_AHEAD: usize = 16;
 
-/// A decoder for one file.
 pub(super) struct InProcess {
     /// Of H.264.
     kind: Option<PictureKind>,
@@ -34,7 +33,6 @@ enum FrameDecoder {
 }
 
 impl InProcess {
-    /// A new decoder of pictures of this kind.
     pub fn new(kind: Option<PictureKind>) -> Self {
         Self {
             kind,

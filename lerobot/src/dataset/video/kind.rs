@@ -11,7 +11,6 @@ pub(crate) struct PictureKind {
 }
 
 impl PictureKind {
-    /// Checks that a later parameter set declares the same kind.
     pub fn same_as(self, first: Self) -> Result<(), String> {
         if self == first {
             Ok(())
@@ -23,7 +22,6 @@ impl PictureKind {
     }
 }
 
-/// What a sequence parameter set declares.
 #[derive(Debug, Default)]
 pub(crate) struct Declared {
     pub height: u64,
@@ -42,9 +40,6 @@ pub(crate) struct Declared {
 
 impl Declared {
     /// Size and sampling, if supported and `height x width`.
-    ///
-    /// # Errors
-    /// What it declares instead.
     pub fn layout(&self, height: usize, width: usize) -> Result<(Sampling, u32), String> {
         if (self.height, self.width) != (height as u64, width as u64) {
             return Err(format!(

@@ -28,7 +28,6 @@ impl PictureCount {
         (self.sequence, high + low)
     }
 
-    /// Sets the count of a reference picture.
     pub fn set(&mut self, count: i64) {
         self.before = count;
     }

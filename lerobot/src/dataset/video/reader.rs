@@ -24,7 +24,7 @@ impl VideoReader {
     /// Opens an mp4 whose shown pictures are `height x width`.
     ///
     /// # Errors
-    /// The file is missing, cut, not an mp4, not AV1, H.264 or HEVC, or of another size: the path and the fault.
+    /// The file is missing, cut, not an mp4, not AV1, H.264 or HEVC, or of another size.
     pub fn open(path: &Path, height: usize, width: usize) -> Result<Self, DatasetError> {
         Ok(Self {
             source: VideoSource::open(path, height, width)?,

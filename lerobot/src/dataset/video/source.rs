@@ -56,7 +56,6 @@ impl VideoSource {
         Ok(bytes)
     }
 
-    /// The last key frame up to `sample`.
     pub fn key_before(&self, sample: usize) -> usize {
         let upto = &self.track.samples[..=sample];
         upto.iter().rposition(|s| s.key).unwrap_or(0)

@@ -66,7 +66,6 @@ pub(crate) fn repair(
     Ok(())
 }
 
-/// What shows that a camera's metadata is wrong.
 enum MetadataFault {
     /// Two episodes have the same pictures.
     Shared {
@@ -110,7 +109,6 @@ fn fault(info: &Info, episodes: &[Episode], camera: usize) -> Option<MetadataFau
     beyond
 }
 
-/// Pictures of an episode by the metadata.
 fn pictures(from: f64, to: f64, fps: u32) -> usize {
     ((to - from) * f64::from(fps)).round() as usize
 }

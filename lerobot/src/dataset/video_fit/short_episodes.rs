@@ -74,7 +74,7 @@ pub(crate) fn find(info: &Info, episodes: &[Episode], repairs: &mut Vec<Repair>)
     short
 }
 
-/// A camera's number of pictures per episode, in order.
+/// Pictures per episode, in order.
 fn pictures<'a>(
     info: &Info,
     episodes: &'a [Episode],

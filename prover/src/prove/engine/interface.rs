@@ -2,12 +2,11 @@
 
 use sp1_sdk::{SP1ProofWithPublicValues, SP1ProvingKey, SP1Stdin};
 
-/// SP1 on a device. Errors are SP1's messages.
+/// Errors are SP1's messages.
 pub(crate) trait ProverEngine: Send + Sync {
     /// Derives a program's keys, in seconds.
     fn setup(&self, elf: &'static [u8]) -> Result<SP1ProvingKey, String>;
 
-    /// Makes a compressed proof.
     fn prove(
         &self,
         program: &SP1ProvingKey,

@@ -13,7 +13,6 @@ use crate::dataset::recover::folder::recording::{EpisodeToWrite, Recording, CHUN
 use crate::dataset::recover::folder::table::write_table;
 use crate::dataset::recover::statistics::columns::Statistics;
 
-/// A written episode for `meta/episodes`.
 pub(super) struct WrittenEpisode {
     /// Its data file.
     pub file: u64,
@@ -21,7 +20,7 @@ pub(super) struct WrittenEpisode {
     pub statistics: BTreeMap<String, Statistics>,
 }
 
-/// Writes the table; `written` has an entry per episode.
+/// `written` has an entry per episode.
 pub(super) fn write_episodes(
     recording: &Recording,
     path: &Path,

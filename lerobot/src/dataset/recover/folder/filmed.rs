@@ -24,10 +24,6 @@ pub(super) struct WrittenVideos {
     pub notes: Vec<String>,
 }
 
-/// Writes all cameras' videos, and reads them for statistics.
-///
-/// # Errors
-/// What cannot be read or written.
 pub(super) fn write_videos(
     recording: &Recording,
     folder: &Path,

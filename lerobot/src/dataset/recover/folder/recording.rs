@@ -56,7 +56,6 @@ pub(crate) enum VideoToWrite {
 }
 
 impl Recording {
-    /// Names of all picture features.
     pub fn cameras(&self) -> impl Iterator<Item = &str> {
         let filmed = self.videos.iter().map(|(camera, _)| camera.name.as_str());
         let fields = self.schema.fields().iter();

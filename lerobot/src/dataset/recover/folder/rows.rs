@@ -30,10 +30,7 @@ pub(super) struct WrittenRows {
     pub statistics: BTreeMap<String, Statistics>,
 }
 
-/// Writes all rows. As in LeRobot, an episode has its own row group; a large one has more.
-///
-/// # Errors
-/// A picture cannot be read, or a file not written.
+/// As in LeRobot, an episode has its own row group; a large one has more.
 pub(super) fn write_rows(
     recording: &Recording,
     folder: &Path,
@@ -144,7 +141,7 @@ fn numbered(
     Ok(batches)
 }
 
-/// All columns, with the pictures added. The first row is row `row` of the source.
+/// The first row is row `row` of the source.
 fn columns(
     schema: &SchemaRef,
     rows: &RecordBatch,

@@ -21,9 +21,6 @@ use crate::dataset::recover::statistics::columns::Statistics;
 use crate::dataset::DatasetError;
 
 /// Writes everything into the empty `folder` and syncs it to disk. Returns notes on what is missing.
-///
-/// # Errors
-/// What cannot be read or written.
 pub(crate) fn write(recording: &Recording, folder: &Path) -> Result<Vec<String>, DatasetError> {
     let filmed = write_videos(recording, folder)?;
     let rows = write_rows(recording, folder)?;

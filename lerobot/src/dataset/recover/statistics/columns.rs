@@ -11,7 +11,6 @@ use arrow_array::types::{
 use arrow_array::Array;
 use arrow_schema::DataType;
 
-/// Bins of a quantile's histogram.
 pub(crate) const BINS: usize = 5000;
 /// LeRobot's quantiles and their names.
 pub(crate) const QUANTILES: [(&str, f64); 5] = [

@@ -63,7 +63,6 @@ fn greatest(counts: &[u64; 256]) -> u8 {
     levels(counts).map(|(level, _)| level).last().unwrap_or(0)
 }
 
-/// The levels that occur, and how often.
 fn levels(counts: &[u64; 256]) -> impl Iterator<Item = (u8, u64)> + '_ {
     let all = (0..=u8::MAX).zip(counts.iter().copied());
     all.filter(|(_, count)| *count > 0)

@@ -50,7 +50,6 @@ pub(super) fn convert(picture: &Yuv, [red, green, blue]: [&mut [u8]; 3]) -> Opti
     Some(())
 }
 
-/// Chroma's part in a colour.
 fn part(chroma: i32, factor: i32) -> i32 {
     ((chroma * factor) >> 16) - (factor >> 9)
 }

@@ -33,7 +33,7 @@ impl YuvFormat {
         }
     }
 
-    /// Height and width of a picture's chroma planes, rounded up.
+    /// Rounded up.
     pub(crate) fn chroma_size(self, height: usize, width: usize) -> (usize, usize) {
         match self.sampling {
             Sampling::Yuv420 => (height.div_ceil(2), width.div_ceil(2)),
@@ -82,7 +82,6 @@ impl<'a> Yuv<'a> {
         ))
     }
 
-    /// A row's samples, stretched to 15 bits.
     pub(super) fn in_15_bits(&self, row: &[u8], samples: &mut Vec<i32>) {
         let bits = self.format.bits;
         samples.clear();

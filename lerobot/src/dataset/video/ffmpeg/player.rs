@@ -25,9 +25,6 @@ pub(crate) struct Player {
 
 impl Player {
     /// Begins at a key frame. `order` has the samples in presentation.
-    ///
-    /// # Errors
-    /// FFmpeg cannot be started, or the two orders are too far apart.
     pub fn start(
         demuxer: &str,
         picture_bytes: usize,

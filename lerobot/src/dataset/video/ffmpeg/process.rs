@@ -140,7 +140,6 @@ impl Process {
         }
     }
 
-    /// Waits for input or output.
     fn wait(&self, until: Instant) -> Result<(), String> {
         let left = until.saturating_duration_since(Instant::now());
         if left.is_zero() {
@@ -166,7 +165,6 @@ impl Process {
         }
     }
 
-    /// Writes what it takes.
     fn feed(&mut self) -> Result<(), String> {
         let Some(stdin) = &mut self.stdin else {
             return Ok(());
@@ -201,7 +199,6 @@ impl Process {
         ))
     }
 
-    /// Checks that it ended without error.
     fn end(&mut self) -> Result<(), String> {
         self.stdin = None;
         let status = self.child.wait();
@@ -246,7 +243,6 @@ fn every_picture() -> Result<&'static str, String> {
     Ok(OPTION.get_or_init(|| option_of(&text)))
 }
 
-/// The option for FFmpeg with this version line.
 fn option_of(version: &str) -> &'static str {
     let name = version.strip_prefix("ffmpeg version ").unwrap_or_default();
     let old = ["2.", "3.", "4.", "5.0"];

@@ -28,7 +28,6 @@ pub(crate) struct H264 {
 }
 
 impl H264 {
-    /// A new decoder of `height x width` pictures of a kind.
     pub fn new(
         config: &NalConfig,
         colors: ContainerColors,
@@ -55,8 +54,7 @@ impl H264 {
     }
 
     /// Decodes one sample, a key frame if `key`; gives its picture as RGB, `[3, height, width]`, if `shown`.
-    ///
-    /// Pictures come in decoding order. The library could reorder them, but the container has the order of presentation.
+    /// Pictures come in decoding order; the container has the order of presentation.
     pub fn decode(
         &mut self,
         sample: &[u8],

@@ -18,7 +18,6 @@ pub(crate) struct H264Order {
 }
 
 impl H264Order {
-    /// See `PictureOrder::see`.
     pub fn see(&mut self, unit: &[u8]) -> Option<(u32, i64)> {
         let (head, rest) = unit.split_first()?;
         match head & 0x1f {

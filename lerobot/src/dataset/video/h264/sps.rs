@@ -15,9 +15,6 @@ const OPENH264_PROFILES: [u32; 3] = [66, 77, 100];
 
 /// Checks that a parameter set (a whole NAL unit) declares `height x width` pictures of a supported kind. The container fills in missing
 /// colours.
-///
-/// # Errors
-/// What it declares instead.
 pub(crate) fn kind(
     unit: &[u8],
     height: usize,
@@ -192,8 +189,7 @@ const SCALABLE_BASELINE: u8 = 83;
 /// The parameter set for a decoder that gives every picture at once.
 ///
 /// Except for Baseline profiles, OpenH264 reorders pictures by a count that wraps after a few frames, and loses a buffer with every flushed
-/// picture. Only the profile decides this. So a High profile becomes Scalable Baseline, with the same fields, and a Main one too, with its
-/// missing fields added.
+/// picture. So a High profile becomes Scalable Baseline with the same fields, and a Main one with its missing fields added.
 pub(crate) fn unordered(unit: &[u8]) -> Option<Vec<u8>> {
     let mut payload = without_emulation_prevention(unit.get(1..)?);
     let profile = *payload.first()?;
@@ -233,7 +229,6 @@ mod tests {
     use super::*;
     use crate::dataset::video::color::ColorMatrix;
 
-    /// Writes a parameter set's fields.
     #[derive(Default)]
     struct Writer(Vec<bool>);
 

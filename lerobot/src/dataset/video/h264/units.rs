@@ -15,13 +15,12 @@ pub(crate) fn is_sequence_parameters(unit: &[u8]) -> bool {
     kind(unit) == Some(SEQUENCE_PARAMETERS)
 }
 
-/// Whether a new decoder can begin with this sample: it has an IDR picture and no other.
+/// Whether the sample has an IDR picture and no other.
 pub(crate) fn starts_anew(config: &NalConfig, sample: &[u8]) -> bool {
     let units = || kinds(config, sample);
     units().any(|kind| kind == IDR_SLICE) && !units().any(|kind| OTHER_SLICES.contains(&kind))
 }
 
-/// Whether a sample has parameter sets that are not the track's.
 pub(crate) fn has_other_parameter_sets(config: &NalConfig, sample: &[u8]) -> bool {
     let mut units = Units::new(config, sample).map_while(Result::ok);
     let tracks = |unit| config.parameter_sets.iter().any(|set| set == unit);

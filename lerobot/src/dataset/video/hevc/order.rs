@@ -28,7 +28,6 @@ struct PictureParameters {
 }
 
 impl HevcOrder {
-    /// See `PictureOrder::see`.
     pub fn see(&mut self, unit: &[u8]) -> Option<(u32, i64)> {
         let (head, rest) = unit.split_at_checked(2)?;
         let kind = head[0] >> 1 & 0x3f;

@@ -5,9 +5,6 @@ use crate::dataset::video::color::{Sampling, YuvFormat};
 use crate::dataset::video::kind::{colors, Declared, PictureKind};
 
 /// Checks that a parameter set (a whole NAL unit) declares `height x width` pictures of a supported kind.
-///
-/// # Errors
-/// What it declares instead.
 pub(crate) fn kind(unit: &[u8], height: usize, width: usize) -> Result<PictureKind, String> {
     let sps = parse(unit).ok_or("has a parameter set that ends too early")?;
     let declared = sps.declared;
@@ -193,7 +190,6 @@ mod tests {
     use super::*;
     use crate::dataset::video::color::{ColorMatrix, Colors};
 
-    /// The parameter set of a libx265 video.
     fn set(name: &str) -> Vec<u8> {
         let fixtures = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures");
         let file = std::fs::read(fixtures.join(format!("videos_other/{name}.mp4"))).unwrap();

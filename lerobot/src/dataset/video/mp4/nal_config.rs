@@ -15,7 +15,6 @@ pub struct NalConfig {
 }
 
 impl NalConfig {
-    /// H.264's record.
     pub(crate) fn avc(body: &[u8]) -> Result<Self> {
         let mut fields = Fields(body);
         let version = fields.u8()?;
@@ -39,7 +38,6 @@ impl NalConfig {
         })
     }
 
-    /// HEVC's record.
     pub(crate) fn hevc(body: &[u8]) -> Result<Self> {
         let mut fields = Fields(body);
         let version = fields.u8()?;

@@ -51,7 +51,6 @@ impl Rotation {
         }
     }
 
-    /// A picture's height and width after the turn.
     pub(crate) fn size(self, height: usize, width: usize) -> (usize, usize) {
         match self {
             Self::None | Self::Over => (height, width),
