@@ -108,6 +108,7 @@ fn a_node_stops_before_a_round_of_another_program() {
     assert!(Path::new(&network.path("state/round-0.safetensors")).exists());
     let mut drill = Drill::begin("the program is updated");
     drill.shortened = Some("a vote takes a millisecond and not four days");
+    drill.lost = "the rounds of a node until its release is installed";
     // The vote is over while round 1 is open, which keeps its program. Round 2 is of the other one.
     let next = Program::founding(&[2; 32]);
     let round = vote_in_a_round(&network, &governor, Action::ReplaceProgram(next.clone()));

@@ -35,18 +35,21 @@ fn a_deadline_that_passed_while_the_aggregator_was_down_moves() {
     aggregator.kill();
     until("the deadline has passed", || now_ms() > deadline_ms);
     let _aggregator = serves();
-    let moved = |body: &Body| match body {
+    let moved_by = |body: &Body| match body {
         Body::DeadlinesMoved(moved) => Some(moved.by_ms),
         _ => None,
     };
-    let moved = || first(network.entries(), moved);
+    let moved = || first(network.entries(), moved_by);
     let (moved_ms, by_ms) = until("the deadline moves", moved);
     assert!(moved_ms > deadline_ms && by_ms > 0, "{moved_ms} {by_ms}");
     network.closes(1);
     let of_round = |body: &Body| matches!(body, Body::RoundClosed(_)).then_some(());
     let (closed_ms, ()) = first(network.entries(), of_round).unwrap();
     assert!(closed_ms >= deadline_ms + by_ms, "{closed_ms} {by_ms}");
-    let shown = prints(&["audit", "show", &network.path("ledger")]);
+    let mut entries = network.entries().into_iter();
+    let entry = entries.position(|entry| moved_by(&entry.body).is_some());
+    let entry = entry.unwrap().to_string();
+    let shown = prints(&["audit", "show", &network.path("ledger"), &entry]);
     assert!(shown.contains("after an outage"), "{shown}");
     drill.passed();
 }

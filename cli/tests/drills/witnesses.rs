@@ -9,6 +9,9 @@ use tempfile::TempDir;
 use zk0_testkit::own_port::OwnPort;
 use zk0_testkit::until;
 
+/// People whose requests are not cosigned do not wait for long.
+const SOON: [&str; 2] = ["--witness-seconds", "1"];
+
 /// Witnesses of one network, each with its own process while it is on.
 struct Witnesses {
     dir: TempDir,
@@ -85,14 +88,14 @@ fn is_replaced(network: &Operated, drill: &mut Drill, policy: Value, before: Ser
     network.is_carried_out();
     before.logs("start the aggregator again with it");
     drop(before);
-    network.serves(&[])
+    network.serves(&SOON)
 }
 
 #[test]
 fn a_quorum_goes_on_without_a_witness_that_is_down() {
     let mut witnesses = Witnesses::made(3);
     let network = found(&mut witnesses, &[0, 1, 2], 2);
-    let _aggregator = network.serves(&[]);
+    let _aggregator = network.serves(&SOON);
     is_published(&network);
 
     let mut drill = Drill::begin("a witness is down for a day");
@@ -111,7 +114,7 @@ fn a_quorum_goes_on_without_a_witness_that_is_down() {
 fn a_policy_of_a_dead_witness_is_voted_away() {
     let mut witnesses = Witnesses::made(2);
     let network = found(&mut witnesses, &[0], 1);
-    let aggregator = network.serves(&[]);
+    let aggregator = network.serves(&SOON);
     is_published(&network);
     witnesses.on(1, &network);
 
@@ -129,7 +132,7 @@ fn a_policy_of_a_dead_witness_is_voted_away() {
 fn a_witness_whose_key_is_stolen_is_replaced() {
     let mut witnesses = Witnesses::made(4);
     let network = found(&mut witnesses, &[0, 1, 2], 2);
-    let aggregator = network.serves(&[]);
+    let aggregator = network.serves(&SOON);
     is_published(&network);
     witnesses.on(3, &network);
 
