@@ -10,6 +10,9 @@ use zk0_testkit::s3::failing_network::Fault;
 use zk0_testkit::s3::S3;
 use zk0_testkit::until;
 
+/// The requests by which an aggregator stores updates.
+const STORING: &str = "PUT /blobs/net/blobs/";
+
 #[test]
 fn an_upload_that_is_lost_with_the_machine_is_sent_again() {
     let Some(s3) = S3::start() else { return };
@@ -43,9 +46,13 @@ fn an_upload_that_is_lost_with_the_machine_is_sent_again() {
     let node = Process::start(&all.into_iter().map(str::to_owned).collect::<Vec<_>>());
     aggregator.reports("round opened");
     // The node cannot commit now.
-    s3.network
-        .fail_next("PUT /blobs/net/blobs/", Fault::Unavailable, 1000);
+    s3.network.fail_next(STORING, Fault::Unavailable, 1000);
+    s3.network.counted(STORING);
     aggregator.reports("update uploaded");
+    // It knows that its upload is complete, and commits.
+    until("the node tries to commit", || {
+        s3.network.counted(STORING) > 0
+    });
     aggregator.kill();
     s3.network.mend();
     fs::remove_dir_all(&ledger).unwrap();
