@@ -81,12 +81,15 @@ pub async fn have_proven(
 /// Ready when the round takes no more submissions: after its whole window, if the aggregator is away.
 async fn submissions_end(node: &mut NodeClient, opened: &RoundOpened) {
     let whole = Duration::from_millis(opened.rules.submit_window_ms);
-    // An outage may move the deadline meanwhile.
+    let mut is_first = true;
     while let Ok(left) = timeout(whole, node.submissions_end_in(opened)).await {
-        sleep(*left.as_ref().unwrap_or(&whole)).await;
-        if left.map_or(true, |left| left.is_zero()) {
+        // An outage may have moved the deadline meanwhile. A window that begins again and again is none.
+        let left = left.unwrap_or(whole);
+        if left.is_zero() || left >= whole && !is_first {
             return;
         }
+        sleep(left).await;
+        is_first = false;
     }
 }
 
