@@ -7,7 +7,7 @@ use crate::round::request_error::RequestError;
 use zk0_ledger::folder;
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::proposal::{Action, Outcome};
-use zk0_protocol::rules::apply::LEAST_OUTAGE_MS;
+use zk0_protocol::rules::apply::LEAST_AWAY_MS;
 
 impl Aggregator {
     /// Moves the open round's deadlines by the time that no aggregator ran: since the time in the file `alive`, or, on a new machine, since
@@ -34,7 +34,7 @@ impl Aggregator {
 
     /// Moves the deadline if this recording took that long since `begin_ms`: the store of the entries was away, and held the aggregator.
     pub(super) fn after_recording(&mut self, begin_ms: u64) {
-        if self.clock.now_ms().saturating_sub(begin_ms) >= LEAST_OUTAGE_MS {
+        if self.clock.now_ms().saturating_sub(begin_ms) >= LEAST_AWAY_MS {
             if let Err(error) = self.after_outage(begin_ms) {
                 tracing::warn!("the deadline of the round does not move by the outage: {error}");
             }

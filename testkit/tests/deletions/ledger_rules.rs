@@ -190,7 +190,7 @@ pub const REMOVALS: &[Removal] = &[
     protocol("an outage before the draw excuses no answer", RANDOMNESS,
         &[("round.moved_ms = 0;\n            round.randomness", "if !OUT { round.moved_ms = 0; }\n            round.randomness")],
         "an_outage_excuses_what_it_kept_a_node_from"),
-    protocol("a short outage moves nothing", OUTAGES, never!("moved.by_ms < LEAST_OUTAGE_MS && !passed"),
+    protocol("a short outage moves nothing", OUTAGES, never!("moved.by_ms < LEAST_AWAY_MS && !passed"),
         "a_short_outage_moves_nothing_unless_a_deadline_passed_in_it"),
     protocol("a node is not idle in a round with an outage", ROUNDS, never!("round.commitments_moved && !committed"),
         "an_outage_excuses_what_it_kept_a_node_from"),

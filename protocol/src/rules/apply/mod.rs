@@ -23,7 +23,7 @@ mod votes;
 
 pub use crate::rules::upper_bounds::MAX_COMMITS;
 pub use members::{MAX_EPISODES, MAX_ROTATIONS};
-pub use outages::LEAST_OUTAGE_MS;
+pub use outages::LEAST_AWAY_MS;
 
 use crate::challenge::closing::CommitmentsClosing;
 use crate::entries::authentic::AuthenticEntry;

@@ -10,7 +10,7 @@ use crate::rules::upper_bounds::MAX_ROUND_WINDOW_MS;
 use crate::rules::violation::RuleViolation;
 
 /// A shorter outage moves no deadline, unless one passed meanwhile.
-pub const LEAST_OUTAGE_MS: u64 = 60_000;
+pub const LEAST_AWAY_MS: u64 = 60_000;
 
 impl State {
     /// The entry that moves the open round's deadlines at `time_ms` after an outage of `away_ms`; `None` if it may not, or need not.
@@ -62,7 +62,7 @@ impl State {
         }
         let deadline_ms = self.deadline_ms(round);
         let passed = self.time_ms <= deadline_ms && deadline_ms < time_ms;
-        if moved.by_ms < LEAST_OUTAGE_MS && !passed {
+        if moved.by_ms < LEAST_AWAY_MS && !passed {
             return Err(RuleViolation::ShortOutage(moved.round));
         }
         Ok(())

@@ -117,7 +117,7 @@ fn the_randomness_may_come_later_by_the_outage() {
     }
 }
 
-/// A round with an outage before the commitments closed, or after the draw, which closes after its deadline. Node 0 has contributed, node 1 has
+/// A round with outages before the commitments closed and before the draw, or after the draw, which closes after its deadline. Node 0 has contributed, node 1 has
 /// not answered, and node 2 has not committed. Returns the last two.
 fn unanswered(early: bool, late: bool) -> (Node, Node) {
     let mut chain = Chain::in_round(3);
@@ -131,6 +131,9 @@ fn unanswered(early: bool, late: bool) -> (Node, Node) {
     chain.apply(committed(&chain.state, 0, weights(0x10)));
     chain.apply(committed(&chain.state, 1, weights(0x11)));
     chain.close_commitments();
+    if early {
+        outage(&mut chain);
+    }
     chain.apply(Body::RandomnessDrawn(drawn(&chain.state)));
     chain.apply(accepted(&chain.state, 0));
     if late {
