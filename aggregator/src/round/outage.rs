@@ -8,6 +8,7 @@ use zk0_ledger::folder;
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::proposal::{Action, Outcome};
 use zk0_protocol::rules::apply::LEAST_AWAY_MS;
+use zk0_protocol::WitnessPolicy;
 
 impl Aggregator {
     /// Moves the open round's deadlines by the time that no aggregator ran: since the time in the file `alive`, or, on a new machine, since
@@ -15,6 +16,14 @@ impl Aggregator {
     pub fn after_start(&mut self) -> Result<(), RequestError> {
         let ran_until_ms = folder::read_alive(self.ledger.dir()).unwrap_or(0);
         self.after_outage(ran_until_ms)
+    }
+
+    /// How many entries the folder's cosigned checkpoint covers: `Some(None)` if this policy does not accept it, `None` without one.
+    pub fn cosigned(&self, policy: &WitnessPolicy) -> Result<Option<Option<u64>>, RequestError> {
+        let key = self.state().genesis().verifier_key();
+        let key = key.map_err(|error| RequestError::Internal(error.to_string()))?;
+        let text = folder::read_cosigned(self.ledger.dir())?;
+        Ok(text.map(|text| Some(policy.open(&text, &key).ok()?.checkpoint.size)))
     }
 
     /// Records that the first `size` entries are published. If the open round's last step waited for long, its deadlines move.

@@ -33,14 +33,8 @@ impl Service {
     /// Whether the folder's cosigned checkpoint is of another policy, as after a vote: then perhaps no witness of this one has seen the
     /// log.
     pub async fn is_new_policy(&self, policy: WitnessPolicy) -> Result<bool, RequestError> {
-        let is_new = self.with(move |aggregator| {
-            let ledger = aggregator.ledger();
-            let key = ledger.state().genesis().verifier_key();
-            let key = key.map_err(|error| RequestError::Internal(error.to_string()))?;
-            let text = folder::read_cosigned(ledger.dir())?;
-            Ok(text.is_some_and(|text| policy.open(&text, &key).is_err()))
-        });
-        is_new.await
+        self.with(move |aggregator| Ok(aggregator.cosigned(&policy)? == Some(None)))
+            .await
     }
 
     /// Has each new checkpoint cosigned, and publishes it, until the disk fails.

@@ -226,15 +226,9 @@ impl Service {
         let policy = witnesses.policy().clone();
         let published = self
             .with(move |aggregator| {
-                let ledger = aggregator.ledger();
-                folder::write_policy(ledger.dir(), &policy)?;
-                let key = ledger.state().genesis().verifier_key();
-                let key = key.map_err(|error| RequestError::Internal(error.to_string()))?;
-                let text = folder::read_cosigned(ledger.dir())?;
-                // A checkpoint cosigned under another policy does not count.
-                let opened = text.and_then(|text| policy.open(&text, &key).ok());
-                let signed = opened.map_or(0, |opened| opened.checkpoint.size);
-                let held = ledger.size();
+                folder::write_policy(aggregator.ledger().dir(), &policy)?;
+                let signed = aggregator.cosigned(&policy)?.flatten().unwrap_or(0);
+                let held = aggregator.ledger().size();
                 if signed > held {
                     return Err(LedgerError::RolledBack { held, signed }.into());
                 }
