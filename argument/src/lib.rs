@@ -1,6 +1,17 @@
 //! An argument that values were computed as a statement states. Its verifier is short enough for the SP1 guest, whatever the computation took;
 //! its prover is native.
 //!
+//! ```
+//! use zk0_argument::claim::{check, ClaimInput};
+//!
+//! // What the guest program reads: neither samples nor weights.
+//! let input = std::fs::read("../tests/fixtures/full_size/input.bin")?;
+//! let buffers: Vec<Vec<u8>> = borsh::from_slice(&input)?;
+//! let (claim, _) = check(&ClaimInput::from_buffers(&buffers)?)?;
+//! assert_eq!(claim.terms.eval_samples, 4);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
 //! From the bottom up. Each folder or file uses only those above it in this list.
 //!
 //! - [`field`]: integers modulo the Goldilocks prime, and the extension that challenges come from.

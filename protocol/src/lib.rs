@@ -2,6 +2,24 @@
 //!
 //! This crate is pure: no disk, clock, threads or sockets. It compiles for browsers and for SP1's guest.
 //!
+//! ```
+//! use std::fs::read;
+//! use zk0_protocol::tlog::{bundle, checkpoint::Checkpoint, tree::Frontier};
+//! use zk0_protocol::{Body, Entry};
+//!
+//! let entries = read("../tests/fixtures/export/tile/entries/000.p/17")?;
+//! let entries = bundle::split(&entries, 17)?;
+//! let Body::Genesis(genesis) = Entry::decode(entries[0])?.body else { panic!() };
+//! let signed = read("../tests/fixtures/export/checkpoint")?;
+//! let signed = Checkpoint::open(&signed, genesis.origin(), &genesis.log_key)?;
+//! let mut tree = Frontier::default();
+//! for entry in entries {
+//!     tree.push(entry)?;
+//! }
+//! assert_eq!(tree.root()?, signed.root);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
 //! A short tour:
 //! - [`entries`]: the log's entries ([`entries::entry`]) and their encoding ([`entries::codec`]); how a network begins
 //!   ([`entries::genesis`]); what nodes and governors sign ([`entries::signed`]); verified signatures ([`entries::authentic`],

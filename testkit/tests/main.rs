@@ -2,8 +2,10 @@
 //!
 //! - [`structure`]: the crates depend on one another as the map states, an auditor's build stays light, and files are short and in their places.
 //! - [`targets`]: what runs in browsers and in the guest compiles for these targets.
+//! - [`examples`]: the examples run.
 //! - [`deletions`]: checks are removed from a copy of the sources, and tests have to fail.
 
 mod deletions;
+mod examples;
 mod structure;
 mod targets;

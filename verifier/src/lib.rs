@@ -2,6 +2,18 @@
 //!
 //! This crate links neither `sp1-sdk` nor candle nor RocksDB, and it compiles for browsers.
 //!
+//! ```
+//! use std::fs::read;
+//! use zk0_circuits::Claim;
+//! use zk0_protocol::entries::program::ProgramKey;
+//!
+//! let key = ProgramKey::from_bytes(&read("../circuits/elf/succinct.vk")?)?;
+//! let claim: Claim = borsh::from_slice(&read("../tests/fixtures/full_size/claim.bin")?)?;
+//! let proof = read("../tests/fixtures/full_size/proof.bin")?;
+//! zk0_verifier::check_proof(&proof, &claim, &key)?;
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
 //! A short tour:
 //! - [`contribution`]: [`authenticate`] makes an [`AuthenticContribution`], and [`verify`] a [`VerifiedContribution`] of it.
 //! - [`contribution_blobs`]: reads a contribution's proof and weights.
