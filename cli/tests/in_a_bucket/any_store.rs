@@ -19,8 +19,8 @@ use zk0_ledger::blobs::store::BlobStore;
 use zk0_ledger::blobs::unverified::Unverified;
 use zk0_ledger::blobs::Blobs;
 use zk0_node::client::stored_update::{StoreClient, StoredUpdateError};
+use zk0_service::tls::service_address::ServiceAddress;
 use zk0_testkit::members::Member;
-use zk0_tls::service_address::ServiceAddress;
 
 const MINUTE: Duration = Duration::from_secs(60);
 

@@ -6,11 +6,9 @@ use std::collections::{BTreeMap, BTreeSet};
 type Dependencies<'a> = BTreeMap<&'a str, BTreeSet<&'a str>>;
 
 /// Each crate, and what its row of the map names.
-const MAP: [(&str, &[&str]); 22] = [
+const MAP: [(&str, &[&str]); 20] = [
     ("zk0-files", &[]),
-    ("zk0-tls", &["zk0-files"]),
-    ("zk0-traces", &["zk0-tls"]),
-    ("zk0-metrics", &[]),
+    ("zk0-service", &["zk0-files"]),
     ("zk0-tensorboard", &[]),
     ("zk0-tensors", &[]),
     ("zk0-circuits", &[]),
@@ -20,10 +18,10 @@ const MAP: [(&str, &[&str]); 22] = [
     ("zk0-smolvla", &["zk0-circuits", "zk0-lerobot"]),
     ("zk0-protocol", &["zk0-argument"]),
     ("zk0-weights", &["zk0-protocol", "zk0-tensors"]),
-    ("zk0-ledger", &["zk0-protocol", "zk0-tls"]),
+    ("zk0-ledger", &["zk0-protocol", "zk0-service"]),
     ("zk0-bucket", &["zk0-ledger"]),
     ("zk0-verifier", &["zk0-argument", "zk0-weights"]),
-    ("zk0-prover", &["zk0-argument", "zk0-traces", "zk0-metrics"]),
+    ("zk0-prover", &["zk0-argument", "zk0-service"]),
     (
         "zk0-node",
         &[
@@ -33,10 +31,7 @@ const MAP: [(&str, &[&str]); 22] = [
             "zk0-tensorboard",
         ],
     ),
-    (
-        "zk0-aggregator",
-        &["zk0-ledger", "zk0-verifier", "zk0-traces", "zk0-metrics"],
-    ),
+    ("zk0-aggregator", &["zk0-ledger", "zk0-verifier"]),
     ("zk0-audit", &["zk0-ledger", "zk0-verifier"]),
     ("zk0-simulate", &["zk0-node", "zk0-verifier"]),
     (

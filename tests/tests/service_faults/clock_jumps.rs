@@ -10,8 +10,8 @@ use tonic::Code;
 use zk0_aggregator::round::request_error::RequestError;
 use zk0_aggregator::Config;
 use zk0_protocol::entries::entry::Body;
+use zk0_service::tls::service_address::Silence;
 use zk0_testkit::aggregator::{digest, open_round, refused, weights, Network, SigningNode};
-use zk0_tls::service_address::Silence;
 
 const DAY: i64 = DAY_MS as i64;
 

@@ -6,8 +6,8 @@ mod network_cut;
 
 use std::time::{SystemTime, UNIX_EPOCH};
 use zk0_node::client::NodeClient;
+use zk0_service::tls::service_address::{ServiceAddress, Silence};
 use zk0_testkit::aggregator::{self, Network, START_MS};
-use zk0_tls::service_address::{ServiceAddress, Silence};
 
 /// A day, in milliseconds.
 const DAY_MS: u64 = 24 * 3_600_000;

@@ -6,9 +6,9 @@ use std::time::Duration;
 use tokio::time::timeout;
 use zk0_aggregator::Config;
 use zk0_protocol::entries::entry::Body;
+use zk0_service::tls::service_address::Silence;
 use zk0_testkit::aggregator::{digest, weights, Network, SigningNode};
 use zk0_testkit::until_async;
-use zk0_tls::service_address::Silence;
 
 /// How soon the node notices here. By default it takes a minute.
 const SOON: Silence = Silence {

@@ -8,11 +8,11 @@ use std::sync::Arc;
 use tokio::net::TcpListener;
 use zk0_aggregator::Config;
 use zk0_node::client;
+use zk0_service::tls::local_authority::{LocalAuthority, CA, CERTIFICATE, KEY};
+use zk0_service::tls::server_certificate::ServerCertificate;
+use zk0_service::tls::service_address::ServiceAddress;
 use zk0_testkit::aggregator::{Network, SigningNode};
 use zk0_testkit::changed_copy::SourceChange;
-use zk0_tls::local_authority::{LocalAuthority, CA, CERTIFICATE, KEY};
-use zk0_tls::server_certificate::ServerCertificate;
-use zk0_tls::service_address::ServiceAddress;
 
 pub const ATTACK: Attack = Attack {
     number: 17,
@@ -23,7 +23,7 @@ pub const ATTACK: Attack = Attack {
     defence: Defence {
         check: "a node believes the authorities that its operator named, and no others",
         out: &[SourceChange {
-            file: "tls/src/authorities.rs",
+            file: "service/src/tls/authorities.rs",
             replacements: &[(
                 "            Some(path) => read(path).map_err(",
                 "            Some(path) => read(&match OUT {

@@ -1,7 +1,7 @@
 //! `GET /metrics` for Prometheus and `GET /health` for monitors, on a listener for the operator alone.
 
-use crate::registry::MetricRegistry;
-use crate::troubles::ServiceTroubles;
+use crate::metrics::registry::MetricRegistry;
+use crate::metrics::troubles::ServiceTroubles;
 use axum::extract::State;
 use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE};
 use axum::http::StatusCode;

@@ -1,6 +1,6 @@
 //! What a service finds wrong with itself; `zk0_trouble` and `/health` show it.
 
-use crate::registry::MetricRegistry;
+use crate::metrics::registry::MetricRegistry;
 use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
 use std::collections::BTreeMap;

@@ -3,6 +3,7 @@
 //! Nothing waits for the collector. Ended spans wait in a queue of a fixed length, which a thread with its own runtime sends; the rest is
 //! lost. The log states once that a collector does not take spans, and once that it takes them again.
 
+use crate::tls::service_address::{ConnectError, ServiceAddress};
 use opentelemetry::trace::TracerProvider;
 use opentelemetry_otlp::{ExporterBuildError, SpanExporter as Otlp, WithTonicConfig};
 use opentelemetry_sdk::error::{OTelSdkError, OTelSdkResult};
@@ -18,7 +19,6 @@ use tracing::{Metadata, Subscriber};
 use tracing_subscriber::filter::filter_fn;
 use tracing_subscriber::registry::LookupSpan;
 use tracing_subscriber::Layer;
-use zk0_tls::service_address::{ConnectError, ServiceAddress};
 
 /// The time limit for one transfer to a collector.
 const PATIENCE: Duration = Duration::from_secs(10);

@@ -1,7 +1,7 @@
 //! The connections of a server that takes them one after the other and speaks HTTP/2, such as tonic's: encrypted or not, bounded in number,
 //! closed if silent at first.
 
-use crate::server_certificate::Acceptor;
+use crate::tls::server_certificate::Acceptor;
 use std::future::Future;
 use std::io;
 use std::pin::Pin;

@@ -1,6 +1,6 @@
 //! The metrics of one service. Each begins with `zk0_`, and `docs/services.md` lists all of them.
 
-use crate::process;
+use crate::metrics::process;
 use prometheus_client::encoding::text::encode;
 use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;

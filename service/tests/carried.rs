@@ -2,7 +2,7 @@
 
 use opentelemetry::trace::TraceContextExt;
 use tonic::codegen::http::HeaderMap;
-use zk0_traces::carried::{parent, TRACEPARENT};
+use zk0_service::traces::carried::{parent, TRACEPARENT};
 
 const TRACE: &str = "0af7651916cd43dd8448eb211c80319c";
 const SPAN: &str = "b7ad6b7169203331";

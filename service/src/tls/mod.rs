@@ -5,8 +5,6 @@
 //! - [`server_certificate`] (feature `server`): a server's certificate, which is read again while it runs.
 //! - [`incoming`] (feature `server`): a server's connections, encrypted or not, one after the other and bounded.
 //! - [`local_authority`] (feature `server`): signs certificates for tests and local networks.
-//!
-//! Without features, there is only what a client with a blocking HTTP library needs, such as an auditor.
 
 pub mod authorities;
 #[cfg(feature = "server")]

@@ -1,6 +1,6 @@
 //! The span of a request to a gRPC service. Its fields follow OpenTelemetry's conventions for gRPC, plus the request's node and round.
 
-use crate::carried;
+use crate::traces::carried;
 use tonic::codegen::http::HeaderMap;
 use tonic::Code;
 use tracing::field::{display, Empty};

@@ -1,6 +1,6 @@
 //! Connects a gRPC client to a service by its address, with TLS for `https://`.
 
-use crate::authorities::{causes, tls_error, Authorities, AuthoritiesError};
+use crate::tls::authorities::{causes, tls_error, Authorities, AuthoritiesError};
 use futures_core::future::BoxFuture;
 use rustls::RootCertStore;
 use std::error::Error;
