@@ -6,10 +6,9 @@ use std::collections::{BTreeMap, BTreeSet};
 type Dependencies<'a> = BTreeMap<&'a str, BTreeSet<&'a str>>;
 
 /// Each crate, and what its row of the map names.
-const MAP: [(&str, &[&str]); 20] = [
+const MAP: [(&str, &[&str]); 19] = [
     ("zk0-files", &[]),
     ("zk0-service", &["zk0-files"]),
-    ("zk0-tensorboard", &[]),
     ("zk0-tensors", &[]),
     ("zk0-circuits", &[]),
     ("zk0-argument", &["zk0-circuits"]),
@@ -22,15 +21,7 @@ const MAP: [(&str, &[&str]); 20] = [
     ("zk0-bucket", &["zk0-ledger"]),
     ("zk0-verifier", &["zk0-argument", "zk0-weights"]),
     ("zk0-prover", &["zk0-argument", "zk0-service"]),
-    (
-        "zk0-node",
-        &[
-            "zk0-smolvla",
-            "zk0-weights",
-            "zk0-prover",
-            "zk0-tensorboard",
-        ],
-    ),
+    ("zk0-node", &["zk0-smolvla", "zk0-weights", "zk0-prover"]),
     ("zk0-aggregator", &["zk0-ledger", "zk0-verifier"]),
     ("zk0-audit", &["zk0-ledger", "zk0-verifier"]),
     ("zk0-simulate", &["zk0-node", "zk0-verifier"]),

@@ -1,7 +1,7 @@
 //! A file to which events are appended. A failed write is only a warning in the log: training goes on.
 
-use crate::event::Event;
-use crate::record::record;
+use crate::tensorboard::event::Event;
+use crate::tensorboard::record::record;
 use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};

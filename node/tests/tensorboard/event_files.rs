@@ -2,15 +2,16 @@
 
 use std::fs;
 use std::path::Path;
-use zk0_tensorboard::event::{Event, VERSION};
-use zk0_tensorboard::record::record;
-use zk0_tensorboard::{EventFile, EventFileError};
+use zk0_node::tensorboard::event::{Event, VERSION};
+use zk0_node::tensorboard::record::record;
+use zk0_node::tensorboard::{EventFile, EventFileError};
 use zk0_testkit::event_files::{curves, events, files, records};
 
-/// `tests/vectors/reference.py` wrote these with the package `tensorboard`.
+/// `vectors/reference.py` wrote these with the package `tensorboard`.
 #[test]
 fn events_have_the_bytes_of_tensorboards_own_writer() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/vectors/reference.tfevents");
+    let path = "tests/tensorboard/vectors/reference.tfevents";
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(path);
     let at = |seconds: f64| 1_700_000_000.0 + seconds;
     let ours = [
         Event::version(at(0.0)),
