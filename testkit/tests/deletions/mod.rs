@@ -63,7 +63,6 @@ rows! {
     circuits: "zk0-circuits",
     argument: "zk0-argument",
     verifier: "zk0-verifier",
-    bucket: "zk0-bucket",
     aggregator: "zk0-aggregator",
     node: "zk0-node",
     system: "zk0-tests",

@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 type Dependencies<'a> = BTreeMap<&'a str, BTreeSet<&'a str>>;
 
 /// Each crate, and what its row of the map names.
-const MAP: [(&str, &[&str]); 19] = [
+const MAP: [(&str, &[&str]); 18] = [
     ("zk0-files", &[]),
     ("zk0-service", &["zk0-files"]),
     ("zk0-tensors", &[]),
@@ -18,7 +18,6 @@ const MAP: [(&str, &[&str]); 19] = [
     ("zk0-protocol", &["zk0-argument"]),
     ("zk0-weights", &["zk0-protocol", "zk0-tensors"]),
     ("zk0-ledger", &["zk0-protocol", "zk0-service"]),
-    ("zk0-bucket", &["zk0-ledger"]),
     ("zk0-verifier", &["zk0-argument", "zk0-weights"]),
     ("zk0-prover", &["zk0-argument", "zk0-service"]),
     ("zk0-node", &["zk0-smolvla", "zk0-weights", "zk0-prover"]),
@@ -32,7 +31,6 @@ const MAP: [(&str, &[&str]); 19] = [
             "zk0-aggregator",
             "zk0-audit",
             "zk0-simulate",
-            "zk0-bucket",
             "zk0-hub",
         ],
     ),
@@ -56,7 +54,6 @@ const LIGHT: [(&str, &[&str]); 8] = [
             "zk0-prover",
             "zk0-node",
             "zk0-aggregator",
-            "zk0-bucket",
             "object_store",
         ],
     ),

@@ -1,7 +1,8 @@
 //! The objects under one address, whole or in parts, with errors that name what failed and why.
 
-use crate::address::{self, AddressError};
-use crate::waiting::{RetryPeriod, StoreRuntime};
+use crate::blobs::error::StoreError;
+use crate::bucket::address::{self, AddressError};
+use crate::bucket::waiting::{RetryPeriod, StoreRuntime};
 use object_store::path::Path as ObjectPath;
 use object_store::signer::Signer;
 use object_store::{
@@ -19,7 +20,6 @@ use tokio::time::timeout;
 use tokio_stream::StreamExt;
 use zk0_files::atomic_file::{self, create_folder, folder_of, sync_folder, Durability};
 use zk0_files::random_number::random_number;
-use zk0_ledger::blobs::error::StoreError;
 
 /// Larger objects are stored and read in parts of this size. A cut connection costs one part, and one part is in memory.
 pub const PART_BYTES: u64 = 8 << 20;
@@ -35,21 +35,21 @@ const REFUSED: &str = "it refuses the credentials, or they lack a permission: ";
 const NOTHING: &str = "there is no such bucket or object: ";
 
 #[derive(Debug)]
-pub(crate) struct Objects {
-    pub(crate) address: String,
-    pub(crate) client: Arc<dyn ObjectStore>,
+pub(super) struct Objects {
+    pub(super) address: String,
+    pub(super) client: Arc<dyn ObjectStore>,
     /// For requests that may take the store long: copies, and the end of an upload in parts.
-    pub(crate) long: Arc<dyn ObjectStore>,
-    pub(crate) signer: Option<Arc<dyn Signer>>,
-    pub(crate) prefix: ObjectPath,
+    pub(super) long: Arc<dyn ObjectStore>,
+    pub(super) signer: Option<Arc<dyn Signer>>,
+    pub(super) prefix: ObjectPath,
     folder: Option<PathBuf>,
-    pub(crate) patience: RetryPeriod,
+    pub(super) patience: RetryPeriod,
     waiting: StoreRuntime,
 }
 
 impl Objects {
     /// The objects at `address`. Sends no request.
-    pub(crate) fn open(
+    pub(super) fn open(
         address: &str,
         variables: &[(String, String)],
         patience: RetryPeriod,
@@ -67,11 +67,11 @@ impl Objects {
         })
     }
 
-    pub(crate) fn wait_for<T: Send>(&self, work: impl Future<Output = T> + Send) -> T {
+    pub(super) fn wait_for<T: Send>(&self, work: impl Future<Output = T> + Send) -> T {
         self.waiting.wait_for(work)
     }
 
-    pub(crate) fn failed(&self, what: &str, error: &Error) -> StoreError {
+    pub(super) fn failed(&self, what: &str, error: &Error) -> StoreError {
         let mut why = error.to_string();
         let mut cause = error.source();
         while let Some(error) = cause {
@@ -99,7 +99,7 @@ impl Objects {
         self.error(what, why)
     }
 
-    pub(crate) fn error(&self, what: &str, why: String) -> StoreError {
+    pub(super) fn error(&self, what: &str, why: String) -> StoreError {
         StoreError {
             address: self.address.clone(),
             what: what.into(),
@@ -108,7 +108,7 @@ impl Objects {
     }
 
     /// Stores the next `size` bytes of a file, durably. `what` describes them in errors. A folder keeps no attributes.
-    pub(crate) fn put(
+    pub(super) fn put(
         &self,
         what: &str,
         object: &ObjectPath,
@@ -167,7 +167,7 @@ impl Objects {
     }
 
     /// Stores a few bytes, durably. A folder keeps no attributes.
-    pub(crate) fn put_bytes(
+    pub(super) fn put_bytes(
         &self,
         what: &str,
         object: &ObjectPath,
@@ -184,7 +184,7 @@ impl Objects {
     }
 
     /// Stores a few bytes, unless there is an object of this name. They are durable when this returns. Returns whether they were stored.
-    pub(crate) fn create(
+    pub(super) fn create(
         &self,
         what: &str,
         object: &ObjectPath,
@@ -222,7 +222,7 @@ impl Objects {
     }
 
     /// An object's size in bytes; `None` if there is no such object.
-    pub(crate) fn size(&self, what: &str, object: &ObjectPath) -> Result<Option<u64>, StoreError> {
+    pub(super) fn size(&self, what: &str, object: &ObjectPath) -> Result<Option<u64>, StoreError> {
         self.wait_for(async {
             match self.client.head(object).await {
                 Ok(found) => Ok(Some(found.size)),
@@ -233,7 +233,7 @@ impl Objects {
     }
 
     /// Removes an object, if it is there.
-    pub(crate) fn remove(&self, what: &str, object: &ObjectPath) -> Result<(), StoreError> {
+    pub(super) fn remove(&self, what: &str, object: &ObjectPath) -> Result<(), StoreError> {
         self.wait_for(async {
             match self.client.delete(object).await {
                 Ok(()) | Err(Error::NotFound { .. }) => Ok(()),
@@ -247,7 +247,7 @@ impl Objects {
     }
 
     /// All objects whose names begin with `place`, with sizes.
-    pub(crate) fn list(
+    pub(super) fn list(
         &self,
         what: &str,
         place: &ObjectPath,
@@ -256,7 +256,7 @@ impl Objects {
     }
 
     /// [`Self::list`] of the objects after this one.
-    pub(crate) fn list_after(
+    pub(super) fn list_after(
         &self,
         what: &str,
         place: &ObjectPath,

@@ -2,10 +2,10 @@
 
 use std::fs;
 use std::time::Duration;
-use zk0_bucket::waiting::RetryPeriod;
-use zk0_bucket::Bucket;
 use zk0_ledger::blobs::entry_objects::EntryStore;
 use zk0_ledger::blobs::store::BlobStore;
+use zk0_ledger::bucket::waiting::RetryPeriod;
+use zk0_ledger::bucket::Bucket;
 use zk0_testkit::s3::S3;
 
 fn are_written_once(address: &str, variables: &[(String, String)]) {

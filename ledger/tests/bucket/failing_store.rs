@@ -1,14 +1,14 @@
 //! A bucket behind a network and a server that fail: what is tried again, what is not, and that nothing is half kept.
 
-use crate::cache::{emptied, held};
+use crate::bucket::cache::{emptied, held};
 use std::fs;
 use std::path::Path;
 use std::time::{Duration, Instant};
-use zk0_bucket::bucket::PART_BYTES;
-use zk0_bucket::waiting::RetryPeriod;
-use zk0_bucket::Bucket;
 use zk0_ledger::blobs::usage::StoreOperation;
 use zk0_ledger::blobs::{BlobError, Blobs};
+use zk0_ledger::bucket::waiting::RetryPeriod;
+use zk0_ledger::bucket::Bucket;
+use zk0_ledger::bucket::PART_BYTES;
 use zk0_testkit::s3::failing_network::Fault;
 use zk0_testkit::s3::S3;
 

@@ -1,7 +1,7 @@
 //! A store's address: `s3://BUCKET/PREFIX`, `gs://BUCKET/PREFIX`, `az://CONTAINER/PREFIX` or `file:///FOLDER`. Credentials are in variables
 //! of the environment, whose names the crate `object_store` documents (`AWS_…`, `GOOGLE_…`, `AZURE_…`).
 
-use crate::waiting::RetryPeriod;
+use crate::bucket::waiting::RetryPeriod;
 use object_store::aws::AmazonS3Builder;
 use object_store::azure::MicrosoftAzureBuilder;
 use object_store::gcp::GoogleCloudStorageBuilder;
@@ -50,17 +50,17 @@ pub enum AddressError {
     Threads(io::Error),
 }
 
-pub(crate) struct OpenedStore {
-    pub(crate) address: String,
-    pub(crate) objects: Arc<dyn ObjectStore>,
+pub(super) struct OpenedStore {
+    pub(super) address: String,
+    pub(super) objects: Arc<dyn ObjectStore>,
     /// For requests that may take the store long.
-    pub(crate) long: Arc<dyn ObjectStore>,
+    pub(super) long: Arc<dyn ObjectStore>,
     /// Signs addresses for others, if the store can.
-    pub(crate) signer: Option<Arc<dyn Signer>>,
+    pub(super) signer: Option<Arc<dyn Signer>>,
     /// The start of all objects' names.
-    pub(crate) prefix: ObjectPath,
+    pub(super) prefix: ObjectPath,
     /// The folder, if the store is one.
-    pub(crate) folder: Option<PathBuf>,
+    pub(super) folder: Option<PathBuf>,
 }
 
 /// A store's clients: for most requests, for long ones, and to sign addresses, if it can.
@@ -102,7 +102,7 @@ macro_rules! clients {
 }
 
 /// Opens the store at `text`. Sends no request.
-pub(crate) fn open(
+pub(super) fn open(
     text: &str,
     variables: &[(String, String)],
     patience: RetryPeriod,

@@ -1,15 +1,15 @@
 //! Objects that others put into a bucket, at an address that its owner signed: `PREFIX/uploads/ROUND/…`.
 
+use crate::blobs::error::{BlobError, StoreError};
+use crate::blobs::take::Take;
+use crate::blobs::unverified::{SentStore, Unverified};
+use crate::bucket::reading::ReadError;
 use crate::bucket::Bucket;
-use crate::reading::ReadError;
 use object_store::path::Path as ObjectPath;
 use object_store::ObjectStoreExt;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 use zk0_circuits::Digest;
-use zk0_ledger::blobs::error::{BlobError, StoreError};
-use zk0_ledger::blobs::take::Take;
-use zk0_ledger::blobs::unverified::{SentStore, Unverified};
 
 /// The wait between two looks for a copy.
 const APART: Duration = Duration::from_millis(100);

@@ -1,9 +1,9 @@
 //! Groups of entries in a bucket: `PREFIX/entries/FIRST`.
 
+use crate::blobs::entry_objects::{group_name, group_of, EntryStore, FOLDER};
+use crate::blobs::error::StoreError;
 use crate::bucket::Bucket;
 use object_store::path::Path as ObjectPath;
-use zk0_ledger::blobs::entry_objects::{group_name, group_of, EntryStore, FOLDER};
-use zk0_ledger::blobs::error::StoreError;
 
 /// How many bytes of a group are read. A group has fewer.
 const GROUP_BYTES: u64 = 1 << 28;

@@ -6,8 +6,8 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
-use zk0_bucket::public_log::PublicLog;
-use zk0_bucket::waiting::RetryPeriod;
+use zk0_ledger::bucket::public_log::PublicLog;
+use zk0_ledger::bucket::waiting::RetryPeriod;
 use zk0_ledger::published::export::{export_to, ExportError, Exported};
 use zk0_ledger::published::mirror::mirror;
 use zk0_ledger::published::publication::Publication;
@@ -124,7 +124,11 @@ fn a_file_in_a_folder_has_its_bytes_on_the_disk_before_its_name() {
         .arg("-o")
         .arg(&calls)
         .arg(env::current_exe().unwrap())
-        .args(["--exact", "public_log::publish_into_a_folder", "--ignored"])
+        .args([
+            "--exact",
+            "bucket::public_log::publish_into_a_folder",
+            "--ignored",
+        ])
         .env(CHILD, &log)
         .stdout(Stdio::null())
         .status();

@@ -3,10 +3,10 @@
 use std::fs;
 use std::path::Path;
 use std::time::Duration;
-use zk0_bucket::waiting::RetryPeriod;
-use zk0_bucket::Bucket;
 use zk0_circuits::Digest;
 use zk0_ledger::blobs::store::BlobStore;
+use zk0_ledger::bucket::waiting::RetryPeriod;
+use zk0_ledger::bucket::Bucket;
 use zk0_testkit::s3::S3;
 
 fn the_first_name_stays(address: &str, variables: &[(String, String)], root: &Path) {

@@ -1,22 +1,20 @@
 //! A store of blobs. A blob of digest D is the object `PREFIX/blobs/sha256/D`, the same name as in a ledger's folder. `PREFIX/network` has the id
 //! of the network that the store belongs to. `PREFIX/entries/FIRST` has the entries of the log.
 
-use crate::address::AddressError;
-use crate::objects::Objects;
-use crate::reading::ReadError;
-use crate::waiting::RetryPeriod;
+use crate::blobs::entry_objects::EntryStore;
+use crate::blobs::error::{BlobError, StoreError};
+use crate::blobs::store::BlobStore;
+use crate::blobs::take::Take;
+use crate::blobs::unverified::SentStore;
+use crate::bucket::address::AddressError;
+use crate::bucket::objects::Objects;
+use crate::bucket::reading::ReadError;
+use crate::bucket::waiting::RetryPeriod;
 use object_store::path::Path as ObjectPath;
 use object_store::Attributes;
 use std::fs::File;
 use std::path::Path;
 use zk0_circuits::Digest;
-use zk0_ledger::blobs::entry_objects::EntryStore;
-use zk0_ledger::blobs::error::{BlobError, StoreError};
-use zk0_ledger::blobs::store::BlobStore;
-use zk0_ledger::blobs::take::Take;
-use zk0_ledger::blobs::unverified::SentStore;
-
-pub use crate::objects::PART_BYTES;
 
 /// The object that names the network of a store. It holds the network's id.
 const NETWORK: &str = "network";
@@ -27,7 +25,7 @@ const NETWORK_BYTES: u64 = 128;
 /// The blobs under one address.
 #[derive(Debug)]
 pub struct Bucket {
-    pub(crate) objects: Objects,
+    pub(super) objects: Objects,
     place: ObjectPath,
 }
 
@@ -43,7 +41,7 @@ impl Bucket {
         Ok(Self { objects, place })
     }
 
-    pub(crate) fn object(&self, blob: &Digest) -> ObjectPath {
+    pub(super) fn object(&self, blob: &Digest) -> ObjectPath {
         self.place.clone().join(blob.to_string())
     }
 

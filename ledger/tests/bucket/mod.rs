@@ -1,3 +1,5 @@
+//! Blobs, entries and published logs in a bucket.
+
 mod cache;
 mod entries;
 mod failing_store;

@@ -1,14 +1,14 @@
 //! Reads objects in parts, so that a cut connection costs one part, and no more than was asked for.
 
-use crate::objects::{Objects, PART_BYTES};
+use crate::blobs::error::{BlobError, StoreError};
+use crate::blobs::take::Take;
+use crate::bucket::objects::{Objects, PART_BYTES};
 use object_store::path::Path as ObjectPath;
 use object_store::{Error, GetOptions, GetRange, ObjectStore, ObjectStoreExt};
 use tokio_stream::StreamExt;
-use zk0_ledger::blobs::error::{BlobError, StoreError};
-use zk0_ledger::blobs::take::Take;
 
 /// Why an object is not read.
-pub(crate) enum ReadError {
+pub(super) enum ReadError {
     /// The store has something else, named here, than an object of the requested size.
     Other(String),
     /// The store failed, or the taker of the bytes.
@@ -17,7 +17,7 @@ pub(crate) enum ReadError {
 
 impl Objects {
     /// Gives the bytes of an object of `size` bytes to `take`, in order. `what` describes it in errors.
-    pub(crate) async fn read(
+    pub(super) async fn read(
         &self,
         what: &str,
         object: &ObjectPath,
@@ -60,7 +60,7 @@ impl Objects {
     }
 
     /// The bytes of a small object; `None` if there is no such object. Of a larger one this reads `limit` bytes or a few more.
-    pub(crate) fn start(
+    pub(super) fn start(
         &self,
         what: &str,
         object: &ObjectPath,

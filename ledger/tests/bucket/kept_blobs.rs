@@ -1,6 +1,6 @@
 //! Blobs that are kept in a bucket, and in a folder by its address: the ledger's folder is a cache of them.
 
-use crate::cache::{emptied, held};
+use crate::bucket::cache::{emptied, held};
 use std::collections::BTreeSet;
 use std::fs::{self, File};
 use std::io::Read;
@@ -8,12 +8,12 @@ use std::path::Path;
 use std::sync::{mpsc, Barrier};
 use std::thread;
 use std::time::{Duration, SystemTime};
-use zk0_bucket::bucket::PART_BYTES;
-use zk0_bucket::waiting::RetryPeriod;
-use zk0_bucket::Bucket;
 use zk0_circuits::Digest;
 use zk0_ledger::blobs::usage::StoreOperation;
 use zk0_ledger::blobs::{BlobError, Blobs};
+use zk0_ledger::bucket::waiting::RetryPeriod;
+use zk0_ledger::bucket::Bucket;
+use zk0_ledger::bucket::PART_BYTES;
 use zk0_testkit::s3::S3;
 
 const LIMIT: u64 = 1 << 30;

@@ -26,16 +26,16 @@ const TRIES: usize = 100;
 pub struct RetryPeriod(pub Duration);
 
 impl RetryPeriod {
-    pub(crate) fn request(self) -> Duration {
+    pub(super) fn request(self) -> Duration {
         self.0.min(LONGEST_REQUEST)
     }
 
-    pub(crate) fn connect(self) -> Duration {
+    pub(super) fn connect(self) -> Duration {
         self.0.min(CONNECT)
     }
 
     /// The tries after the first.
-    pub(crate) fn retries(self) -> RetryConfig {
+    pub(super) fn retries(self) -> RetryConfig {
         RetryConfig {
             backoff: BackoffConfig {
                 init_backoff: Duration::from_millis(100),
@@ -50,17 +50,17 @@ impl RetryPeriod {
 
 /// The threads that talk to the store.
 #[derive(Debug)]
-pub(crate) struct StoreRuntime(Option<Runtime>);
+pub(super) struct StoreRuntime(Option<Runtime>);
 
 impl StoreRuntime {
-    pub(crate) fn new() -> io::Result<Self> {
+    pub(super) fn new() -> io::Result<Self> {
         let mut builder = Builder::new_multi_thread();
         let builder = builder.worker_threads(2).thread_name("blob-store");
         Ok(Self(Some(builder.enable_all().build()?)))
     }
 
     /// Waits for `work` on a thread of its own, because a thread of another runtime must not wait for this one.
-    pub(crate) fn wait_for<T: Send>(&self, work: impl Future<Output = T> + Send) -> T {
+    pub(super) fn wait_for<T: Send>(&self, work: impl Future<Output = T> + Send) -> T {
         let runtime = self
             .0
             .as_ref()

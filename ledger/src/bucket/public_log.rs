@@ -1,8 +1,10 @@
 //! A published log in a public bucket: the files of an export, by the same paths. An HTTP server of the bucket serves the log.
 
-use crate::address::AddressError;
-use crate::objects::Objects;
-use crate::waiting::RetryPeriod;
+use crate::blobs::error::{BlobError, StoreError};
+use crate::bucket::address::AddressError;
+use crate::bucket::objects::Objects;
+use crate::bucket::waiting::RetryPeriod;
+use crate::published::export_place::{ExportTarget, PlaceError};
 use object_store::path::Path as ObjectPath;
 use object_store::{Attribute, Attributes};
 use sha2::{Digest as _, Sha256};
@@ -10,8 +12,6 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::{self, Seek};
 use zk0_circuits::Digest;
-use zk0_ledger::blobs::error::{BlobError, StoreError};
-use zk0_ledger::published::export_place::{ExportTarget, PlaceError};
 use zk0_protocol::tlog::layout::{Resource, Tile};
 
 /// For caches: files that never change, and the others.

@@ -3,13 +3,13 @@
 //!
 //! - [`address`]: which store an address names, and with which credentials it is opened; `objects`: what is stored there; [`waiting`]: how
 //!   long and where to wait for it.
-//! - [`bucket`]: implements [`zk0_ledger::blobs::store`], with `reading`, `entries` for the log's entries, and `sent` for what others put
-//!   there; [`public_log`]: a published log in a public bucket.
+//! - [`Bucket`]: implements [`crate::blobs::store`] (`blobs`), with `reading`, `entries` for the log's entries, and `sent` for what others
+//!   put there; [`public_log`]: a published log in a public bucket.
 //!
 //! The crate `object_store` implements the protocols and their signatures.
 
 pub mod address;
-pub mod bucket;
+mod blobs;
 mod entries;
 mod objects;
 pub mod public_log;
@@ -17,4 +17,5 @@ mod reading;
 mod sent;
 pub mod waiting;
 
-pub use bucket::Bucket;
+pub use blobs::Bucket;
+pub use objects::PART_BYTES;
