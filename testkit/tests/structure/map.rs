@@ -6,13 +6,12 @@ use std::collections::{BTreeMap, BTreeSet};
 type Dependencies<'a> = BTreeMap<&'a str, BTreeSet<&'a str>>;
 
 /// Each crate, and what its row of the map names.
-const MAP: [(&str, &[&str]); 18] = [
+const MAP: [(&str, &[&str]); 17] = [
     ("zk0-files", &[]),
     ("zk0-service", &["zk0-files"]),
     ("zk0-tensors", &[]),
     ("zk0-circuits", &[]),
     ("zk0-argument", &["zk0-circuits"]),
-    ("zk0-hub", &[]),
     ("zk0-lerobot", &["zk0-files", "zk0-tensors"]),
     ("zk0-smolvla", &["zk0-circuits", "zk0-lerobot"]),
     ("zk0-protocol", &["zk0-argument"]),
@@ -26,13 +25,7 @@ const MAP: [(&str, &[&str]); 18] = [
     ("zk0-simulate", &["zk0-node", "zk0-verifier"]),
     (
         "zk0",
-        &[
-            "zk0-node",
-            "zk0-aggregator",
-            "zk0-audit",
-            "zk0-simulate",
-            "zk0-hub",
-        ],
+        &["zk0-node", "zk0-aggregator", "zk0-audit", "zk0-simulate"],
     ),
 ];
 

@@ -4,8 +4,8 @@ use std::fs;
 use std::path::Path;
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
-use zk0_hub::target::RetryPolicy;
-use zk0_hub::{publish, PublishError, PublishTarget, PublishedCommit};
+use zk0::hub::target::RetryPolicy;
+use zk0::hub::{publish, PublishError, PublishTarget, PublishedCommit};
 use zk0_testkit::local_hub::{LocalHub, READER, TOKEN};
 
 const NAME: &str = "robots/arm";

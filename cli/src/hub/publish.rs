@@ -1,10 +1,10 @@
 //! Publishes a folder.
 
-use crate::client::{Client, Sent};
-use crate::error::{Failure, PublishError};
-use crate::lfs;
-use crate::local_file::{files_of, LocalFile};
-use crate::target::{PublishTarget, RetryPolicy};
+use crate::hub::client::{Client, Sent};
+use crate::hub::error::{Failure, PublishError};
+use crate::hub::lfs;
+use crate::hub::local_file::{files_of, LocalFile};
+use crate::hub::target::{PublishTarget, RetryPolicy};
 use base64::prelude::{Engine as _, BASE64_STANDARD};
 use serde::Deserialize;
 use serde_json::json;

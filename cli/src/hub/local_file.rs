@@ -1,6 +1,6 @@
 //! A folder's files, with the digests that the Hub compares.
 
-use crate::error::PublishError;
+use crate::hub::error::PublishError;
 use sha1::Sha1;
 use sha2::{Digest, Sha256};
 use std::fs::{self, File};

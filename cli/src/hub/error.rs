@@ -1,6 +1,6 @@
 //! Why a folder is not published.
 
-use crate::repository::Repository;
+use crate::hub::repository::Repository;
 use std::io;
 use std::path::PathBuf;
 

@@ -1,7 +1,7 @@
 //! Requests to the Hub, and their answers.
 
-use crate::error::{Failure, PublishError};
-use crate::target::PublishTarget;
+use crate::hub::error::{Failure, PublishError};
+use crate::hub::target::PublishTarget;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 use std::fs::File;

@@ -1,9 +1,9 @@
 //! Large files: [Git LFS' batch API](https://github.com/git-lfs/git-lfs/blob/main/docs/api/batch.md) names those that the Hub lacks. Each
 //! goes to its address by one PUT (LFS' transfer "basic"), at most 5 GB on the Hub.
 
-use crate::client::{Client, Sent};
-use crate::error::{Failure, PublishError};
-use crate::local_file::LocalFile;
+use crate::hub::client::{Client, Sent};
+use crate::hub::error::{Failure, PublishError};
+use crate::hub::local_file::LocalFile;
 use serde::Deserialize;
 use serde_json::{json, Value};
 use std::collections::BTreeMap;

@@ -1,7 +1,7 @@
 //! Where to publish, who writes, how many tries.
 
-use crate::error::PublishError;
-use crate::repository::Repository;
+use crate::hub::error::PublishError;
+use crate::hub::repository::Repository;
 use std::time::Duration;
 
 /// Where to publish.
