@@ -149,7 +149,7 @@ fn without_the_verifier_of_its_release_a_proof_is_neither_right_nor_wrong() {
 /// The names of releases are not read from what cargo has built, so they have to be the same.
 #[test]
 fn the_releases_of_sp1_are_those_that_cargo_builds() {
-    let lock = include_str!("../../Cargo.lock");
+    let lock = include_str!("../../../Cargo.lock");
     for name in ["sp1-verifier", "sp1-sdk", "sp1-prover"] {
         let line = format!("name = \"{name}\"\nversion = \"{OUR_SP1}\"\n");
         assert!(lock.contains(&line), "{name} is not of release {OUR_SP1}");

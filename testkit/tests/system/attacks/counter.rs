@@ -67,7 +67,7 @@ fn carried_out(
     let mut arguments: Vec<_> = tests.iter().map(String::as_str).collect();
     arguments.extend(["--exact", "--nocapture", "--test-threads", "1"]);
     let without = [(OUT, &without.join(";")[..])];
-    let ran = copy.run("zk0-tests", "system", &arguments, &without);
+    let ran = copy.run("zk0-testkit", "system", &arguments, &without);
     let outcome = |attack: &Attack| {
         let not_tried = || format!("not tried: {}{}", ran.printed, ran.errors);
         printed(attack, &ran.printed).ok_or_else(not_tried)

@@ -7,7 +7,7 @@
 //! - `denials`: an operator denies that a contribution with a real proof verifies.
 //! - `ledger_tampering`: the replay of a real ledger, in which one byte at a time is changed.
 //!
-//! The last four work on the [`real_ledger`]. `tests/alone` has what needs a process of its own.
+//! The last four work on the [`real_ledger`]. `alone` has what needs a process of its own.
 
 mod among_strangers;
 mod attacks;
