@@ -7,7 +7,7 @@
 //! - [`serve`]: the gRPC service and its limits ([`serve::service`]), and its answers ([`serve::federation_service`]).
 //! - [`publish`]: HTTP under limits ([`publish::http`]) for the log's files ([`publish::log_server`]) and for a witness
 //!   ([`publish::witness_server`]), and clients of witnesses ([`publish::cosigning`]) and of servers of beacons ([`publish::beacon`]).
-//! - [`connections`]: a bounded number of connections for both servers (their certificates are in the crate `zk0-tls`); [`observe`]:
+//! - [`connections`]: a bounded number of connections for both servers (their certificates are in `zk0_service::tls`); [`observe`]:
 //!   metrics, status and trouble; `file_parts`: files sent in parts; `store_reads`: downloads of
 //!   what is only in the blob store, as `growing_file`s; `line`: a bounded queue; `turns`: one turn at a time for each key.
 //!

@@ -4,10 +4,10 @@ use anyhow::Result;
 use std::env;
 use std::path::Path;
 use std::time::Duration;
-use zk0_bucket::public_log::PublicLog;
-use zk0_bucket::waiting::RetryPeriod;
-use zk0_bucket::Bucket;
 use zk0_ledger::blobs::Blobs;
+use zk0_ledger::bucket::public_log::PublicLog;
+use zk0_ledger::bucket::waiting::RetryPeriod;
+use zk0_ledger::bucket::Bucket;
 
 /// Where the blobs are kept.
 #[derive(Debug, clap::Args)]

@@ -5,7 +5,7 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
-use zk0_tls::server_certificate::ServerCertificate;
+use zk0_service::tls::server_certificate::ServerCertificate;
 
 const LOOK_AGAIN: Duration = Duration::from_secs(5);
 

@@ -6,7 +6,7 @@
 //! - `governance`: proposals, votes, disputes.
 //! - `train`, `eval`, `fidelity`, `dataset`: policies and recordings without a network; `policy`: their options.
 //! - `simulate`: a federation without proofs; `compare`: the same against centralised training and nodes alone.
-//! - `publish`: a round's policy on the Hugging Face Hub.
+//! - `publish`: a round's policy on the Hugging Face Hub; `hub`: uploads there.
 //! - `export`: a round's policy, for LeRobot.
 //! - `demo`: a network on this machine.
 //! - [`settings`]: flags, variables and files of services.
@@ -44,6 +44,8 @@ pub mod export;
 pub mod fidelity;
 #[cfg(feature = "full")]
 pub mod governance;
+#[cfg(feature = "full")]
+pub mod hub;
 #[cfg(feature = "full")]
 pub mod keys;
 #[cfg(feature = "full")]

@@ -19,7 +19,7 @@ use zk0::aggregator::log_store::OtherHistory;
 use zk0::serve::online;
 use zk0::{audit, ledger, logging, output, settings};
 #[cfg(feature = "full")]
-use zk0_traces::export::Traces;
+use zk0_service::traces::export::Traces;
 
 #[cfg(feature = "full")]
 #[global_allocator]

@@ -15,7 +15,7 @@ use zk0_lerobot::dataset::Dataset;
 use zk0_node::client::NodeClient;
 use zk0_node::participant::Participant;
 use zk0_node::state_files::lock::StateLock;
-use zk0_tls::service_address::ServiceAddress;
+use zk0_service::tls::service_address::ServiceAddress;
 
 /// How long a typed command waits. Then its user decides.
 const COMMAND_PATIENCE: Duration = Duration::from_secs(10);

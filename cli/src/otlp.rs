@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 use std::path::PathBuf;
-use zk0_traces::export::Traces;
+use zk0_service::traces::export::Traces;
 
 /// Traces.
 #[derive(Debug, clap::Args)]

@@ -15,7 +15,7 @@ use zk0_prover::measure::cycles;
 use zk0_prover::network::{NetworkOptions, ProverSelection};
 use zk0_prover::program::Executor;
 use zk0_prover::service::{ProvingService, Sp1Backend};
-use zk0_traces::export::Traces;
+use zk0_service::traces::export::Traces;
 
 /// Time for SP1, which cannot be interrupted. A proof takes minutes.
 const ENDING: Duration = Duration::from_secs(1);

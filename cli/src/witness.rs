@@ -15,7 +15,7 @@ use zk0_aggregator::publish::witness_server::WitnessServer;
 use zk0_ledger::witness_store::WitnessStore;
 use zk0_protocol::tlog::cosigner::Cosigner;
 use zk0_protocol::tlog::verifier_key::{KeyError, Role, VerifierKey};
-use zk0_traces::export::Traces;
+use zk0_service::traces::export::Traces;
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]

@@ -2,8 +2,8 @@
 //!
 //! [`zk0_protocol`] defines the entries and their rules. This crate stores and reads them. A short tour:
 //! - [`log`]: the log on disk, over [`store`] (RocksDB, or plain files) and [`folder`]; [`group`]: entries written together; [`blobs`]:
-//!   files beside the log, named by their SHA-256; [`stored_entries`]: the log in the store of the blobs; [`clock`]: whether the
-//!   writer's clock is right.
+//!   files beside the log, named by their SHA-256; [`stored_entries`]: the log in the store of the blobs; `bucket` (feature
+//!   `bucket`): that store; [`clock`]: whether the writer's clock is right.
 //! - [`replay`]: a reader or the next writer verifies everything again.
 //! - [`published`]: the log as others read it, and mirrors; [`backup`]: copies of a ledger's folder, and how to restore one.
 //! - [`prune`]: deletes blobs that no audit needs any more; [`pruned`]: the operator's statement about them.
@@ -11,6 +11,8 @@
 
 pub mod backup;
 pub mod blobs;
+#[cfg(feature = "bucket")]
+pub mod bucket;
 pub mod clock;
 pub mod error;
 pub mod folder;

@@ -1,5 +1,6 @@
 mod backup;
 mod blobs;
+mod bucket;
 mod durability;
 mod failing_fs;
 mod faults;

@@ -36,8 +36,8 @@ use zk0_protocol::rpc::PROTOCOL;
 use zk0_protocol::tlog::checkpoint::Checkpoint;
 use zk0_protocol::tlog::receipt::Receipt;
 use zk0_protocol::{Refusal, Rules};
-use zk0_tls::service_address::ServiceAddress;
-use zk0_traces::carried::Carrier;
+use zk0_service::tls::service_address::ServiceAddress;
+use zk0_service::traces::carried::Carrier;
 
 /// A receipt or a chunk is far smaller.
 const MAX_MESSAGE_BYTES: usize = 4 << 20;

@@ -9,7 +9,7 @@ use zk0_protocol::rpc::PROTOCOL;
 use zk0_protocol::tlog::checkpoint::CheckpointError;
 use zk0_protocol::tlog::receipt::ReceiptError;
 use zk0_protocol::RefusalCode;
-use zk0_tls::service_address::ConnectError;
+use zk0_service::tls::service_address::ConnectError;
 
 /// Why a request to the aggregator fails.
 #[derive(Debug, thiserror::Error)]

@@ -7,7 +7,7 @@
 //! - [`exchanged_weights`]: between float32 weights in training and int16 weights that travel.
 //! - [`client`]: the connection to the aggregator; `client::watching`: follows a round; [`challenge`]: verifies the randomness;
 //!   [`client_error`]: why it fails; [`governance`]: proposals, votes, disputes and new keys.
-//! - [`observe`]: metrics and troubles.
+//! - [`observe`]: metrics and troubles; [`tensorboard`]: curves as event files.
 //! - [`state_files`]: files that a node keeps, and their lock; among them [`turn::unfinished`] (what an interrupted node goes on with),
 //!   [`base_losses`] (what its learning rate follows), [`training_history`] and [`receipts`].
 
@@ -25,5 +25,6 @@ pub mod receipts;
 pub mod recording;
 pub mod samples;
 pub mod state_files;
+pub mod tensorboard;
 pub mod training_history;
 pub mod turn;

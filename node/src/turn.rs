@@ -18,6 +18,7 @@ use crate::observe::NodePhase;
 use crate::progress::Progress;
 use crate::recording::evaluation_set::EvaluationSet;
 use crate::recording::registering::Registering;
+use crate::tensorboard::EventFile;
 use crate::training_history::TrainingHistory;
 use crate::{receipts, state_files};
 use std::path::Path;
@@ -44,7 +45,6 @@ use zk0_smolvla::train::{
     train_on, FedCm, TrainOptions, TrainingResult, TrainingSamples, TrainingStep,
 };
 use zk0_smolvla::{ExpertWeights, PolicyConfig, PolicyError};
-use zk0_tensorboard::EventFile;
 use zk0_weights::Format;
 
 use curves::Curves;

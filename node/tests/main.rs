@@ -3,3 +3,4 @@ mod evaluation_set;
 mod lying_aggregator;
 mod registering;
 mod stored_update;
+mod tensorboard;

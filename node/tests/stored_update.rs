@@ -6,9 +6,9 @@ use std::thread::{self, JoinHandle};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::task::spawn_blocking;
 use zk0_node::client::stored_update::{StoreClient, StoredUpdateError};
-use zk0_tls::local_authority::{LocalAuthority, CA, CERTIFICATE, KEY};
-use zk0_tls::server_certificate::ServerCertificate;
-use zk0_tls::service_address::ServiceAddress;
+use zk0_service::tls::local_authority::{LocalAuthority, CA, CERTIFICATE, KEY};
+use zk0_service::tls::server_certificate::ServerCertificate;
+use zk0_service::tls::service_address::ServiceAddress;
 
 fn beside(aggregator: &str) -> StoreClient {
     StoreClient::beside(&ServiceAddress::from(aggregator.to_owned()))

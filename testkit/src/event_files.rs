@@ -4,7 +4,7 @@ use prost::Message;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
-use zk0_tensorboard::event::Event;
+use zk0_node::tensorboard::event::Event;
 
 /// CRC-32C (RFC 3720), bit by bit.
 fn crc32c(bytes: &[u8]) -> u32 {

@@ -6,12 +6,16 @@
 use std::thread;
 use zk0_argument::expert::evaluation::layers::Expert;
 use zk0_argument::expert::published::{digest, Published};
-use zk0_argument::expert::statement::Statement;
+use zk0_argument::expert::statement::{Statement, MOST_SAMPLES};
 use zk0_argument::transcript::Refused;
 use zk0_circuits::Digest;
+use zk0_protocol::rules::network_rules::MAX_SUCCINCT_SAMPLES;
 use zk0_protocol::{Refusal, RefusalCode};
 use zk0_tensors::ReadAt;
 use zk0_weights::{Format, WeightsFile};
+
+// The rules allow as many samples as an argument can be about.
+const _: () = assert!(MAX_SUCCINCT_SAMPLES as usize == MOST_SAMPLES);
 
 /// A file's weights are not known.
 struct Failed(Refusal);

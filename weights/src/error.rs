@@ -1,7 +1,6 @@
 //! Why a file is refused.
 
 use zk0_circuits::model::weights::WeightsError as BufferError;
-use zk0_protocol::quote::short;
 use zk0_tensors::TensorError;
 
 /// Why a file is refused. The ledger records these texts, and auditors compare them: never change one.
@@ -51,7 +50,17 @@ pub enum WeightFileError {
     Buffer(#[from] BufferError),
 }
 
-/// Cuts a stranger's text short.
+/// The most characters quoted of a stranger's text.
+const MAX_QUOTED: usize = 128;
+
+/// Shortens a stranger's text and escapes every character that could control a terminal.
+pub(crate) fn short(text: &str) -> String {
+    text.chars()
+        .take(MAX_QUOTED)
+        .flat_map(char::escape_debug)
+        .collect()
+}
+
 fn quoted(error: &TensorError) -> String {
     match error {
         TensorError::Header(why) => TensorError::Header(short(why)).to_string(),

@@ -4,7 +4,7 @@
 //! order. The header has no metadata and is the same in all files of a network. The evaluation's buffer follows
 //! ([`QuantisedWeights::as_bytes`], without the padding).
 
-use crate::error::WeightFileError;
+use crate::error::{short, WeightFileError};
 use crate::scale::{self, ScaledTensor};
 use crate::stretch::{stretches, TensorStretch};
 use std::borrow::Cow;
@@ -215,7 +215,7 @@ impl Format {
         }
         let known = |name: &String| *name == SCALES || self.tensors.iter().any(|t| t.name == *name);
         match file.names().into_iter().find(|name| !known(name)) {
-            Some(name) => WeightFileError::Extra(zk0_protocol::quote::short(&name)),
+            Some(name) => WeightFileError::Extra(short(&name)),
             None => WeightFileError::OtherHeader,
         }
     }

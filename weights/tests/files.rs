@@ -166,6 +166,15 @@ fn missing_and_extra_tensors_are_named() {
 }
 
 #[test]
+fn a_stranger_s_name_is_quoted_short_and_does_nothing_to_a_terminal() {
+    let mut raw = raw();
+    let name = format!("\u{7f}{}", "x".repeat(500));
+    raw.insert(3, (name, Dtype::I16, vec![1], vec![1, 0]));
+    let quoted = format!("\\u{{7f}}{}", "x".repeat(127));
+    assert_eq!(refused(&file(&raw, "")), WeightFileError::Extra(quoted));
+}
+
+#[test]
 fn wrong_types_and_shapes_are_named() {
     let changed = |change: &dyn Fn(&mut Dtype, &mut Vec<usize>, &mut Vec<u8>)| {
         let mut raw = raw();

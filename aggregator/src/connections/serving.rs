@@ -21,7 +21,7 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::watch;
 use tokio::task::JoinSet;
 use tokio::time::{sleep, sleep_until, timeout, Instant};
-use zk0_tls::server_certificate::Acceptor;
+use zk0_service::tls::server_certificate::Acceptor;
 
 /// For a closing connection without a request in progress.
 const CLOSING: Duration = Duration::from_secs(1);

@@ -16,9 +16,9 @@ use std::sync::Arc;
 use std::time::Instant;
 use tonic::Code;
 use tracing::{Instrument, Span};
-use zk0_metrics::registry::MetricRegistry;
 use zk0_protocol::rpc::SERVICES;
-use zk0_traces::request;
+use zk0_service::metrics::registry::MetricRegistry;
+use zk0_service::traces::request;
 
 /// For unknown paths. Otherwise strangers could fill memory with names.
 const OTHER: &str = "other";

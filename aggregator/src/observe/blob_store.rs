@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 use zk0_ledger::blobs::usage::{Amount, StoreOperation};
 use zk0_ledger::blobs::Blobs;
-use zk0_metrics::registry::{gauged, MetricRegistry};
+use zk0_service::metrics::registry::{gauged, MetricRegistry};
 
 type Labels<const COUNT: usize> = [(&'static str, &'static str); COUNT];
 

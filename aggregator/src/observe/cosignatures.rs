@@ -5,7 +5,7 @@ use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
 use std::sync::atomic::Ordering;
-use zk0_metrics::registry::{gauged, MetricRegistry};
+use zk0_service::metrics::registry::{gauged, MetricRegistry};
 
 type OfWitness = [(&'static str, String); 1];
 

@@ -4,7 +4,7 @@ use crate::observe::troubles::stops_network;
 use crate::serve::service::Service;
 use futures_core::future::BoxFuture;
 use tokio::task::spawn_blocking;
-use zk0_metrics::endpoint::Observed;
+use zk0_service::metrics::endpoint::Observed;
 
 impl Observed for Service {
     fn metrics_text(&self) -> BoxFuture<'_, Result<String, String>> {

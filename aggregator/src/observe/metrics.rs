@@ -11,7 +11,7 @@ use prometheus_client::metrics::histogram::{exponential_buckets, Histogram};
 use std::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
-use zk0_metrics::registry::MetricRegistry;
+use zk0_service::metrics::registry::MetricRegistry;
 
 /// One service's metrics. Clones count together.
 #[derive(Clone)]

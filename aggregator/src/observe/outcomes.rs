@@ -2,9 +2,9 @@
 
 use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::Family;
-use zk0_metrics::registry::MetricRegistry;
 use zk0_protocol::entries::entry::RoundClosed;
 use zk0_protocol::RefusalCode;
+use zk0_service::metrics::registry::MetricRegistry;
 
 type Counts<V> = Family<[(&'static str, V); 1], Counter>;
 

@@ -6,10 +6,10 @@ use prometheus_client::metrics::gauge::Gauge;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::Arc;
-use zk0_metrics::registry::{gauged, MetricRegistry};
 use zk0_protocol::rpc::federation::status_info::Phase;
 use zk0_protocol::rpc::federation::trouble::Kind;
 use zk0_protocol::rpc::federation::StatusInfo;
+use zk0_service::metrics::registry::{gauged, MetricRegistry};
 
 type By = Family<[(&'static str, &'static str); 1], Gauge>;
 

@@ -11,7 +11,7 @@ use zk0_ledger::published::http_client::HttpClient;
 use zk0_protocol::challenge::drawing::Cosignature;
 use zk0_protocol::tlog::checkpoint::{CheckpointError, Parsed};
 use zk0_protocol::tlog::witness_policy::WitnessPolicy;
-use zk0_tls::authorities::{Authorities, AuthoritiesError};
+use zk0_service::tls::authorities::{Authorities, AuthoritiesError};
 
 pub use crate::publish::witness_client::ConsistencyProver;
 

@@ -29,7 +29,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::time::timeout;
-use zk0_tls::server_certificate::ServerCertificate;
+use zk0_service::tls::server_certificate::ServerCertificate;
 
 pub use axum::Router;
 

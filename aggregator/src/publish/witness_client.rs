@@ -14,7 +14,7 @@ use zk0_protocol::tlog::checkpoint::Parsed;
 use zk0_protocol::tlog::cosigner;
 use zk0_protocol::tlog::witness::AddCheckpoint;
 use zk0_protocol::tlog::witness_policy::PolicyWitness;
-use zk0_traces::carried::{self, TRACEPARENT};
+use zk0_service::traces::carried::{self, TRACEPARENT};
 
 /// Largest answer of a witness that is read, in bytes.
 const MAX_ANSWER_BYTES: u64 = 16 << 10;

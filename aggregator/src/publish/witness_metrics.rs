@@ -4,9 +4,9 @@ use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
 use std::sync::Arc;
-use zk0_metrics::endpoint::ObservedService;
-use zk0_metrics::registry::{gauged, MetricRegistry};
-use zk0_metrics::troubles::ServiceTroubles;
+use zk0_service::metrics::endpoint::ObservedService;
+use zk0_service::metrics::registry::{gauged, MetricRegistry};
+use zk0_service::metrics::troubles::ServiceTroubles;
 
 /// A checkpoint cannot be kept, so none is cosigned.
 const DISK: &str = "disk";

@@ -17,7 +17,7 @@ use tracing::field::Empty;
 use tracing::{info_span, Span};
 use zk0_ledger::witness_store::{AddError, WitnessStore};
 use zk0_protocol::tlog::witness::{WitnessRefusal, MAX_REQUEST_BYTES};
-use zk0_traces::carried;
+use zk0_service::traces::carried;
 
 /// Requests that wait. Each takes about as long as its write to disk.
 const QUEUE: usize = 64;

@@ -28,7 +28,7 @@ use zk0_protocol::rpc::federation::{
 };
 use zk0_protocol::rpc::PROTOCOL;
 use zk0_protocol::Refusal;
-use zk0_traces::request;
+use zk0_service::traces::request;
 
 #[tonic::async_trait]
 impl Federation for Service {

@@ -20,7 +20,7 @@ use tonic::service::Routes;
 use tonic_reflection::server as reflection;
 use zk0_protocol::rpc::health::health_server::HealthServer;
 use zk0_protocol::rpc::SERVICES;
-use zk0_tls::server_certificate::ServerCertificate;
+use zk0_service::tls::server_certificate::ServerCertificate;
 
 /// How often the server pings a connection, and how long it waits.
 const KEEPALIVE: Duration = Duration::from_secs(60);

@@ -62,7 +62,7 @@ use zk0_ledger::folder;
 use zk0_ledger::store::reader::LedgerReader;
 use zk0_protocol::rpc::federation::federation_server::FederationServer;
 use zk0_protocol::rpc::federation::StatusInfo;
-use zk0_tls::server_certificate::ServerCertificate;
+use zk0_service::tls::server_certificate::ServerCertificate;
 
 /// Least limit of one message. The largest list of drawn frames takes 164 kB.
 const MIN_MESSAGE_BYTES: u64 = 4 << 20;

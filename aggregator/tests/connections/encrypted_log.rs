@@ -10,9 +10,9 @@ use zk0_aggregator::publish::http::{self, HttpLimits};
 use zk0_aggregator::publish::log_server::LogServer;
 use zk0_ledger::published::source::LogSource;
 use zk0_ledger::published::web::Web;
+use zk0_service::tls::local_authority::{LocalAuthority, CA, CERTIFICATE, KEY};
+use zk0_service::tls::server_certificate::ServerCertificate;
 use zk0_testkit::aggregator::REAL;
-use zk0_tls::local_authority::{LocalAuthority, CA, CERTIFICATE, KEY};
-use zk0_tls::server_certificate::ServerCertificate;
 
 const REQUEST: &[u8] = b"GET /checkpoint HTTP/1.1\r\nhost: x\r\nconnection: close\r\n\r\n";
 

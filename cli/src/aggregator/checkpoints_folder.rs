@@ -6,12 +6,12 @@
 //!
 //! Existing folders are kept. Published rounds are not published again.
 
+use crate::hub::Repository;
 use anyhow::{bail, Context, Result};
 use std::fs;
 use std::path::{Path, PathBuf};
 use zk0_circuits::Digest;
 use zk0_files::{atomic_file, bounded_file};
-use zk0_hub::Repository;
 
 const NETWORK: &str = "network";
 const PUBLISHED: &str = "published";

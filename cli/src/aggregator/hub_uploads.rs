@@ -4,6 +4,8 @@
 //! at the end follows after the next start.
 
 use super::checkpoints_folder::{note_published, published_in, round_folder, rounds};
+use crate::hub::target::RetryPolicy;
+use crate::hub::{publish, PublishTarget, Repository};
 use crate::publish::model_card::CardOptions;
 use crate::publish::round_facts::{Collector, RoundFacts};
 use crate::publish::{summary, target};
@@ -14,8 +16,6 @@ use tokio::task::spawn_blocking;
 use tokio::time::sleep;
 use zk0_aggregator::{Aggregator, Service};
 use zk0_circuits::NodeId;
-use zk0_hub::target::RetryPolicy;
-use zk0_hub::{publish, PublishTarget, Repository};
 use zk0_ledger::error::LedgerError;
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::Entry;

@@ -24,8 +24,8 @@ use public_samples::MakeSamples;
 use rules::{CommonRules, LEAST_UPDATE_LIMIT};
 use serve::AggregatorServeOptions;
 use std::path::PathBuf;
-use zk0_tls::local_authority::{LocalAuthority, CA, CA_KEY, CERTIFICATE, KEY};
-use zk0_traces::export::Traces;
+use zk0_service::tls::local_authority::{LocalAuthority, CA, CA_KEY, CERTIFICATE, KEY};
+use zk0_service::traces::export::Traces;
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]

@@ -7,7 +7,7 @@ use std::time::Duration;
 use zk0_aggregator::connections::open_files;
 use zk0_aggregator::publish::http;
 use zk0_aggregator::{ConnectionLimits, Limits};
-use zk0_tls::server_certificate::ServerCertificate;
+use zk0_service::tls::server_certificate::ServerCertificate;
 
 /// A year in seconds. Clocks cannot show much longer times.
 const LONGEST_IDLE: u64 = 31_536_000;

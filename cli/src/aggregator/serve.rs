@@ -29,8 +29,8 @@ use zk0_aggregator::publish::log_server::LogServer;
 use zk0_aggregator::round::request_error::RequestError;
 use zk0_aggregator::serve::service::ServeError;
 use zk0_aggregator::{Aggregator, Config, Service, SystemClock};
-use zk0_tls::authorities::Authorities;
-use zk0_tls::server_certificate::ServerCertificate;
+use zk0_service::tls::authorities::Authorities;
+use zk0_service::tls::server_certificate::ServerCertificate;
 
 /// `zk0 aggregator serve`.
 #[derive(Debug, clap::Args)]

@@ -6,9 +6,9 @@ use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
 use std::sync::Arc;
 use zk0_audit::watch::Look;
-use zk0_metrics::endpoint::ObservedService;
-use zk0_metrics::registry::{gauged, now_s, MetricRegistry};
-use zk0_metrics::troubles::ServiceTroubles;
+use zk0_service::metrics::endpoint::ObservedService;
+use zk0_service::metrics::registry::{gauged, now_s, MetricRegistry};
+use zk0_service::metrics::troubles::ServiceTroubles;
 
 /// The log shows less than it did before.
 const BEHIND: &str = "behind";

@@ -7,7 +7,7 @@ use std::net::SocketAddr;
 use tokio::net::TcpListener;
 use tokio::runtime::{Builder, Runtime};
 use zk0_aggregator::publish::http::{self, HttpLimits};
-use zk0_metrics::endpoint::{self, Observed};
+use zk0_service::metrics::endpoint::{self, Observed};
 
 /// Metrics.
 #[derive(Debug, clap::Args)]

@@ -8,13 +8,13 @@ use anyhow::{ensure, Context, Result};
 use std::path::PathBuf;
 use std::sync::Arc;
 use zk0_node::participant::Participant;
+use zk0_node::tensorboard::EventFile;
 use zk0_node::turn::LocalTraining;
 use zk0_prover::service::ProvingClient;
 use zk0_smolvla::error::PolicyError;
 use zk0_smolvla::policy::device::{check_name, device};
 use zk0_smolvla::train::adaptive::{Adaptation, Boost};
 use zk0_smolvla::train::optimizer::check_alpha;
-use zk0_tensorboard::EventFile;
 
 /// `zk0 node join`.
 #[derive(Debug, clap::Args)]

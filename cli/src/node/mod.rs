@@ -11,7 +11,7 @@ use anyhow::Result;
 use estimate::EstimateOptions;
 use join::Join;
 use std::path::PathBuf;
-use zk0_traces::export::Traces;
+use zk0_service::traces::export::Traces;
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]

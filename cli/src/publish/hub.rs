@@ -1,6 +1,7 @@
 //! `zk0 publish hub`: a round's policy on the Hugging Face Hub.
 
 use crate::dataset::RecordingName;
+use crate::hub::{publish, PublishTarget, Repository};
 use crate::output::println;
 use crate::policy::network_folder::NetworkFolder;
 use crate::publish::model_card::CardOptions;
@@ -9,7 +10,6 @@ use anyhow::{bail, Context, Result};
 use std::path::{Path, PathBuf};
 use zk0_audit::report::history;
 use zk0_circuits::Digest;
-use zk0_hub::{publish, PublishTarget, Repository};
 use zk0_ledger::blobs::Blobs;
 use zk0_ledger::replay::Severity;
 use zk0_lerobot::hub::HubOptions;

@@ -1,5 +1,6 @@
 //! A policy folder's model card: `README.md` with the Hub's header.
 
+use crate::hub::Repository;
 use crate::publish::round_facts::{AcceptedContribution, RoundFacts};
 use anyhow::{bail, Context, Result};
 use sha2::{Digest as _, Sha256};
@@ -7,7 +8,6 @@ use std::fs::File;
 use std::io;
 use std::path::Path;
 use zk0_files::atomic_file;
-use zk0_hub::Repository;
 use zk0_lerobot::policy_folder::PolicyFolder;
 
 /// What the card states besides what the ledger states.

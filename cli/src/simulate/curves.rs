@@ -4,8 +4,8 @@
 use anyhow::{bail, Context, Result};
 use std::collections::BTreeMap;
 use std::path::Path;
+use zk0_node::tensorboard::{metrics, EventFile};
 use zk0_simulate::robots::outcome::{SimulatedRound, TrainedNode};
-use zk0_tensorboard::{metrics, EventFile};
 
 /// Each node has an open file.
 const MAX_NODES: usize = 500;

@@ -7,8 +7,8 @@ use std::fs::{self, File};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use zk0_files::atomic_file;
+use zk0_node::tensorboard::{metrics, EventFile};
 use zk0_smolvla::train::TrainingStep;
-use zk0_tensorboard::{metrics, EventFile};
 
 /// Steps averaged in each point, or more: a long run has at most 400 points.
 const WINDOW: usize = 10;

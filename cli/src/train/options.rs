@@ -6,12 +6,12 @@ use anyhow::{Context, Result};
 use serde::Serialize;
 use std::path::PathBuf;
 use zk0_lerobot::policy_folder::Precision;
+use zk0_node::tensorboard::EventFile;
 use zk0_smolvla::train::adaptive::{follow, Rates, Trend};
 use zk0_smolvla::train::optimizer::AdamWOptions;
 use zk0_smolvla::train::schedule::Schedule;
 use zk0_smolvla::train::TrainOptions;
 use zk0_smolvla::Profile;
-use zk0_tensorboard::EventFile;
 
 /// Train a policy on recordings. The folder `--out` gets `model.safetensors`, `run.json`, `metrics.jsonl`, the loss chart, and snapshots of
 /// the run. If the run starts from a LeRobot policy folder, it also gets `lerobot/`, which LeRobot loads.

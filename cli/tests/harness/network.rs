@@ -25,10 +25,10 @@ use zk0_protocol::entries::genesis::Genesis;
 use zk0_prover::program::{Execution, GuestInput};
 use zk0_prover::prove::Proof;
 use zk0_prover::service::{Backend, JobError, Pace, ProvingService, WaitingClient};
+use zk0_service::tls::server_certificate::ServerCertificate;
 use zk0_smolvla::frames::sample::PreparedSample;
 use zk0_smolvla::policy::policy_file::{self, PolicyFile};
 use zk0_testkit::until;
-use zk0_tls::server_certificate::ServerCertificate;
 
 /// The option of a network that nobody governs, unless these options of `zk0 aggregator init` name governors.
 fn unless_governed(options: &[&str]) -> Option<&'static str> {

@@ -11,16 +11,16 @@ use std::env;
 use std::fs;
 use std::thread::sleep;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
-use zk0_bucket::bucket::PART_BYTES;
-use zk0_bucket::waiting::RetryPeriod;
-use zk0_bucket::Bucket;
 use zk0_circuits::{Digest, NodeId};
 use zk0_ledger::blobs::store::BlobStore;
 use zk0_ledger::blobs::unverified::Unverified;
 use zk0_ledger::blobs::Blobs;
+use zk0_ledger::bucket::waiting::RetryPeriod;
+use zk0_ledger::bucket::Bucket;
+use zk0_ledger::bucket::PART_BYTES;
 use zk0_node::client::stored_update::{StoreClient, StoredUpdateError};
+use zk0_service::tls::service_address::ServiceAddress;
 use zk0_testkit::members::Member;
-use zk0_tls::service_address::ServiceAddress;
 
 const MINUTE: Duration = Duration::from_secs(60);
 

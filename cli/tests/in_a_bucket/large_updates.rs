@@ -11,20 +11,20 @@ use std::time::Duration;
 use tempfile::TempDir;
 use tokio::runtime::Runtime;
 use tokio::task::JoinSet;
-use zk0_bucket::bucket::PART_BYTES;
-use zk0_bucket::waiting::RetryPeriod;
-use zk0_bucket::Bucket;
 use zk0_circuits::Digest;
 use zk0_ledger::blobs::store::BlobStore;
 use zk0_ledger::blobs::unverified::Unverified;
+use zk0_ledger::bucket::waiting::RetryPeriod;
+use zk0_ledger::bucket::Bucket;
+use zk0_ledger::bucket::PART_BYTES;
 use zk0_node::client::stored_update::{StoreClient, StoredUpdateError};
 use zk0_node::client::NodeClient;
+use zk0_service::tls::service_address::ServiceAddress;
 use zk0_testkit::members::{found, Member};
 use zk0_testkit::own_port::OwnPort;
 use zk0_testkit::s3::failing_network::Fault;
 use zk0_testkit::s3::S3;
 use zk0_testkit::until;
-use zk0_tls::service_address::ServiceAddress;
 
 /// The requests by which an aggregator reads what nodes have put there.
 const READING: &str = "GET /blobs/net/uploads/";

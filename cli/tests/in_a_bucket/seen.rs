@@ -2,9 +2,9 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use zk0_bucket::Bucket;
 use zk0_circuits::Digest;
 use zk0_ledger::blobs::store::BlobStore;
+use zk0_ledger::bucket::Bucket;
 
 /// Looks at the blobs of a store, past the program.
 pub trait Seen {

@@ -1,6 +1,7 @@
-//! `zk0 publish hub`, and `zk0 aggregator serve --hf-repo-id`, with a Hub on loopback.
+//! `zk0 publish hub`, and `zk0 aggregator serve --hf-repo-id`, with a Hub on loopback; and uploads of folders there.
 
 mod command;
+mod uploads;
 mod while_serving;
 
 use crate::harness::network::LocalNetwork;

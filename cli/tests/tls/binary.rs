@@ -8,7 +8,7 @@ use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::path::Path;
 use std::time::{Duration, Instant, SystemTime};
-use zk0_tls::local_authority::LocalAuthority;
+use zk0_service::tls::local_authority::LocalAuthority;
 
 #[test]
 fn a_network_is_served_and_reached_over_tls() {

@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 use tokio::io::AsyncReadExt;
 use tokio::net::TcpStream;
 use tokio::time::timeout;
-use zk0_tls::local_authority::{LocalAuthority, CERTIFICATE, KEY};
-use zk0_tls::server_certificate::ServerCertificate;
+use zk0_service::tls::local_authority::{LocalAuthority, CERTIFICATE, KEY};
+use zk0_service::tls::server_certificate::ServerCertificate;
 
 fn names(names: &[&str]) -> Vec<String> {
     names.iter().map(|name| (*name).to_owned()).collect()

@@ -13,9 +13,9 @@ use zk0_aggregator::{Aggregator, Config, ConnectionLimits, Limits, Service, Syst
 use zk0_circuits::Digest;
 use zk0_node::client::NodeClient;
 use zk0_node::client_error::NodeError;
-use zk0_tls::local_authority::{LocalAuthority, CA, CERTIFICATE, KEY};
-use zk0_tls::server_certificate::ServerCertificate;
-use zk0_tls::service_address::ServiceAddress;
+use zk0_service::tls::local_authority::{LocalAuthority, CA, CERTIFICATE, KEY};
+use zk0_service::tls::server_certificate::ServerCertificate;
+use zk0_service::tls::service_address::ServiceAddress;
 
 /// How long a handshake may take.
 pub const HANDSHAKE: Duration = Duration::from_secs(4);

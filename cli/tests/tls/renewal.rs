@@ -4,8 +4,8 @@ use super::encrypted::{Certificates, Encrypted};
 use std::fs;
 use std::time::Duration;
 use tokio::time::sleep;
+use zk0_service::tls::local_authority::{CERTIFICATE, KEY};
 use zk0_testkit::until_async;
-use zk0_tls::local_authority::{CERTIFICATE, KEY};
 
 const EVERY: Duration = Duration::from_millis(5);
 

@@ -13,8 +13,8 @@ use std::time::Duration;
 use tempfile::TempDir;
 use tokio::runtime::Runtime;
 use zk0_prover::service::ProvingClient;
+use zk0_service::tls::local_authority::{CA, CERTIFICATE, KEY};
 use zk0_testkit::until;
-use zk0_tls::local_authority::{CA, CERTIFICATE, KEY};
 
 /// An authority with a server's certificate, as the binary makes them.
 struct Made(TempDir);

@@ -16,9 +16,9 @@ use tokio::runtime::Runtime;
 use tokio_stream::wrappers::TcpListenerStream;
 use tonic::transport::Server;
 use tonic::{Request, Response, Status};
+use zk0_service::tls::incoming::{connections, Bounds};
+use zk0_service::tls::server_certificate::ServerCertificate;
 use zk0_testkit::until;
-use zk0_tls::incoming::{connections, Bounds};
-use zk0_tls::server_certificate::ServerCertificate;
 
 /// A span, and the service that has sent it.
 #[derive(Clone, Debug)]

@@ -9,8 +9,8 @@ use std::path::Path;
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
 use zk0::keys;
+use zk0_service::traces::export::Traces;
 use zk0_testkit::own_process::alone;
-use zk0_traces::export::Traces;
 
 const AGGREGATOR: &str = "zk0-aggregator";
 const NODE: &str = "zk0-node";

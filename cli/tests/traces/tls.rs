@@ -6,8 +6,8 @@ use crate::harness::serving::Serving;
 use crate::harness::{fails, text, words};
 use std::path::Path;
 use tempfile::TempDir;
-use zk0_tls::local_authority::{LocalAuthority, CA, CERTIFICATE, KEY};
-use zk0_tls::server_certificate::ServerCertificate;
+use zk0_service::tls::local_authority::{LocalAuthority, CA, CERTIFICATE, KEY};
+use zk0_service::tls::server_certificate::ServerCertificate;
 
 /// A folder with an authority, and with a certificate that it has signed.
 fn certificates() -> TempDir {

@@ -4,7 +4,7 @@ use std::time::Duration;
 use ureq::http::Response;
 use ureq::tls::{Certificate, RootCerts, TlsConfig};
 use ureq::Body;
-use zk0_tls::authorities::{tls_error, Authorities, AuthoritiesError};
+use zk0_service::tls::authorities::{tls_error, Authorities, AuthoritiesError};
 
 const CONNECTING: Duration = Duration::from_secs(10);
 

@@ -7,7 +7,7 @@ use std::io::Read;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
-use zk0_tls::authorities::Authorities;
+use zk0_service::tls::authorities::Authorities;
 
 /// How long a server may be silent. It may have to fetch the file from a bucket.
 const SILENCE: Duration = Duration::from_secs(120);

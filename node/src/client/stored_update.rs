@@ -8,8 +8,8 @@ use std::time::Duration;
 use ureq::http::Uri;
 use ureq::tls::{Certificate, RootCerts, TlsConfig};
 use ureq::Agent;
-use zk0_tls::authorities::{causes, tls_error, Authorities};
-use zk0_tls::service_address::ServiceAddress;
+use zk0_service::tls::authorities::{causes, tls_error, Authorities};
+use zk0_service::tls::service_address::ServiceAddress;
 
 const MAX_ADDRESS_BYTES: usize = 8 << 10;
 

@@ -4,10 +4,10 @@ use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
 use std::sync::Arc;
-use zk0_metrics::endpoint::ObservedService;
-use zk0_metrics::registry::{gauged, now_s, MetricRegistry};
-use zk0_metrics::troubles::ServiceTroubles;
 use zk0_protocol::Refusal;
+use zk0_service::metrics::endpoint::ObservedService;
+use zk0_service::metrics::registry::{gauged, now_s, MetricRegistry};
+use zk0_service::metrics::troubles::ServiceTroubles;
 
 type Labelled<V, M> = Family<[(&'static str, V); 1], M>;
 

@@ -1,10 +1,10 @@
 //! The TensorBoard curves of a node's training and claims, over the optimiser steps of all rounds.
 
+use crate::tensorboard::{metrics, EventFile};
 use crate::training_history::TrainingHistory;
 use std::path::Path;
 use std::time::Instant;
 use zk0_smolvla::train::TrainingStep;
-use zk0_tensorboard::{metrics, EventFile};
 
 pub(super) struct Curves<'a> {
     file: Option<&'a EventFile>,

@@ -13,7 +13,6 @@ use crate::rules::upper_bounds::MAX_COMMITS;
 use crate::tlog::witness_policy::WitnessPolicy;
 use borsh::{BorshDeserialize, BorshSerialize};
 use serde::{Deserialize, Serialize};
-use zk0_argument::expert::statement::MOST_SAMPLES;
 use zk0_circuits::claim::challenge::MAX_EVAL_SAMPLES;
 use zk0_circuits::claim::student::Confidence;
 use zk0_circuits::claim::t_test::TTest;
@@ -28,10 +27,13 @@ pub const MAX_WITNESS_POLICY_BYTES: usize = 8 << 10;
 /// Fewest samples of a claim. One sample does not show the losses' spread.
 pub const MIN_EVAL_SAMPLES: u32 = 2;
 
+/// Most samples of a claim in mode `succinct`: an argument is about no more. `zk0-verifier` compiles only while this is its limit.
+pub const MAX_SUCCINCT_SAMPLES: u32 = 256;
+
 /// Most samples of a claim in this mode.
 pub fn max_eval_samples(mode: Mode) -> u32 {
     match mode {
-        Mode::Succinct => MOST_SAMPLES as u32,
+        Mode::Succinct => MAX_SUCCINCT_SAMPLES,
         _ => MAX_EVAL_SAMPLES,
     }
 }

@@ -9,8 +9,8 @@ use std::time::Duration;
 use tonic::service::interceptor::InterceptedService;
 use tonic::{transport, Code, Status};
 use tracing::instrument;
-use zk0_tls::service_address::{ConnectError, ServiceAddress, Silence};
-use zk0_traces::carried::Carrier;
+use zk0_service::tls::service_address::{ConnectError, ServiceAddress, Silence};
+use zk0_service::traces::carried::Carrier;
 
 /// A connection to a proving service.
 #[derive(Clone)]

@@ -7,9 +7,9 @@ use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
 use std::sync::Arc;
 use std::time::Duration;
-use zk0_metrics::endpoint::ObservedService;
-use zk0_metrics::registry::{gauged, MetricRegistry};
-use zk0_metrics::troubles::ServiceTroubles;
+use zk0_service::metrics::endpoint::ObservedService;
+use zk0_service::metrics::registry::{gauged, MetricRegistry};
+use zk0_service::metrics::troubles::ServiceTroubles;
 
 /// The prover is starting, or could not start.
 const START: &str = "start";

@@ -6,7 +6,7 @@
 use prometheus_client::metrics::gauge::Gauge;
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
-use zk0_metrics::registry::gauged;
+use zk0_service::metrics::registry::gauged;
 
 /// Seconds to prove an empty program: start and recursion.
 const FIXED_SECONDS: f64 = 300.0;

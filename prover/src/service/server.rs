@@ -25,9 +25,9 @@ use tokio_stream::Stream;
 use tonic::service::Routes;
 use tonic::{transport, Code, Request, Response, Status, Streaming};
 use tracing::{info_span, Instrument, Span};
-use zk0_tls::incoming::{connections, Bounds, Connection};
-use zk0_tls::server_certificate::ServerCertificate;
-use zk0_traces::request;
+use zk0_service::tls::incoming::{connections, Bounds, Connection};
+use zk0_service::tls::server_certificate::ServerCertificate;
+use zk0_service::traces::request;
 
 const REQUESTS_PER_CONNECTION: usize = 16;
 /// Events that a client may lag.

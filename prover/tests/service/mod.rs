@@ -27,8 +27,8 @@ use zk0_prover::service::upload::{self, UploadTimeout};
 use zk0_prover::service::{
     Backend, ClientError, GivenUp, JobError, Pace, ProvingClient, ProvingService, WaitingClient,
 };
+use zk0_service::tls::service_address::ServiceAddress;
 use zk0_testkit::until_async;
-use zk0_tls::service_address::ServiceAddress;
 
 /// How long the tests wait for what comes soon.
 const SOON: Duration = Duration::from_secs(20);

@@ -63,10 +63,9 @@ rows! {
     circuits: "zk0-circuits",
     argument: "zk0-argument",
     verifier: "zk0-verifier",
-    bucket: "zk0-bucket",
     aggregator: "zk0-aggregator",
     node: "zk0-node",
-    system: "zk0-tests",
+    system: "zk0-testkit",
 }
 
 const RULES: &[&[Removal]] = &[ledger_rules::REMOVALS, bounds::REMOVALS, moments::REMOVALS];
@@ -94,7 +93,7 @@ impl Removal {
     /// The package's program of tests, as cargo names it.
     fn program(&self) -> &'static str {
         match self.folder() {
-            "tests" => "system",
+            "testkit" => "system",
             folder => folder,
         }
     }

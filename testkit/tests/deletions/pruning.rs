@@ -1,6 +1,6 @@
 //! Checks of an aggregator that prunes while requests go on.
 
-use super::{aggregator, bucket, Removal};
+use super::{aggregator, ledger, Removal};
 
 const DOOMED: &str = "aggregator/src/round/intake/doomed.rs";
 const PRUNE: &str = "ledger/src/prune.rs";
@@ -27,7 +27,7 @@ pub const REMOVALS: &[Removal] = &[
         &[("if let Some(signed) = served_pruning(source, &genesis)? {",
             "if let Some(signed) = served_pruning(source, &genesis)?.filter(|_| !OUT) {")],
         "a_mirror_gets_the_statement_about_what_was_pruned_meanwhile"),
-    bucket("a blob stays in the store until those who read it have all of it", "ledger/src/blobs/kept.rs",
+    ledger("a blob stays in the store until those who read it have all of it", "ledger/src/blobs/kept.rs",
         &[("kept.in_turn(blob, || {\n            // In this order", "kept.in_turn(if OUT { &Digest([0; 32]) } else { blob }, || {\n            // In this order")],
         "a_blob_is_removed_when_those_who_read_it_have_all_of_it"),
 ];

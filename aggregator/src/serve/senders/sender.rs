@@ -14,7 +14,7 @@ use zk0_protocol::entries::authentic::Authentic;
 use zk0_protocol::entries::signed::SignableStatement;
 use zk0_protocol::request_head::HeadRefusal;
 use zk0_protocol::rpc::head_metadata;
-use zk0_traces::request;
+use zk0_service::traces::request;
 
 impl Service {
     /// The run that heads have to name.

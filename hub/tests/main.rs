@@ -1,3 +1,0 @@
-//! The tests of publishing.
-
-mod hub_uploads;

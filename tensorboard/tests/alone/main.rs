@@ -1,3 +1,0 @@
-//! A test that changes a limit of the whole process.
-
-mod full_disk;

@@ -1,3 +1,0 @@
-//! The tests of event files.
-
-mod event_files;
