@@ -179,9 +179,7 @@ impl RecordedClaim {
         let unread = |error: &Unreadable<BlobError>| unreadable(&error.error, but(error));
         match reason {
             // The ledger's rules checked these.
-            RefusalCode::Late { .. } | RefusalCode::Binding(_) => {
-                return Check::Passed(CheckKind::Refusals)
-            }
+            reason if reason.follows_from_ledger() => return Check::Passed(CheckKind::Refusals),
             reason if !is_recorded(reason) => {
                 return failed(&"the node is not to blame for that: others can cause it")
             }

@@ -3,6 +3,7 @@
 mod behind;
 mod depths_and_threads;
 mod dishonest_aggregator;
+mod keys;
 mod left_out;
 mod programs;
 mod pruning;

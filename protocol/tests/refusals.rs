@@ -133,8 +133,7 @@ fn the_table_in_the_docs_has_every_code() {
         let debug = format!("{code:?}");
         let name = debug.split([' ', '(']).next().unwrap_or_default();
         let explained = code.to_string().replace(&zero, "…").replace('7', "…");
-        let by_ledger = matches!(code, RefusalCode::Late { .. } | RefusalCode::Binding(_));
-        let recorded = match by_ledger || code.follows_from_blobs() {
+        let recorded = match code.follows_from_ledger() || code.follows_from_blobs() {
             true => "yes",
             false => "no",
         };

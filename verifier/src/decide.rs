@@ -49,8 +49,5 @@ pub fn decide(
 /// Whether the node that signed for this round caused the refusal itself. The ledger records only that: anybody may resend what a
 /// node signed for another round, and would use up its one submission.
 pub fn is_recorded(reason: &RefusalCode) -> bool {
-    match reason {
-        RefusalCode::Late { .. } | RefusalCode::Binding(_) => true,
-        reason => reason.follows_from_blobs(),
-    }
+    reason.follows_from_ledger() || reason.follows_from_blobs()
 }

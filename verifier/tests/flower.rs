@@ -195,7 +195,7 @@ fn each_strategy_gives_what_flower_s_own_gives() {
         earlier: Some(read(&format, "earlier")),
     };
     // FedAdam is in its second round. Its first one went from `earlier`, and its one update was `base`.
-    let (_, fed_adam) = CASES[7];
+    let [.., (_, fed_adam)] = CASES;
     let mut first = Vec::new();
     let before = ServerMoments {
         blob: first_moments(&format, fed_adam, &bases, &mut first),

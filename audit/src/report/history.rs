@@ -1,6 +1,7 @@
 //! A network's history in numbers for tables, charts and JSON, from the entries alone.
 
 use crate::report::describe;
+use crate::report::node_history::NodeHistory;
 use crate::report::program_in_force::ProgramInForce;
 use crate::report::public_losses::PublicLosses;
 use anyhow::{bail, Context, Result};
@@ -161,37 +162,6 @@ pub struct DisputeHistory {
     pub upheld: Option<bool>,
 }
 
-/// A node.
-#[derive(Clone, Debug, Serialize, Default)]
-pub struct NodeHistory {
-    /// The identity.
-    pub id: String,
-    /// The name that it chose.
-    pub name: String,
-    /// The entry of the enrolment.
-    pub enrolled_entry: u64,
-    /// Samples of the present dataset.
-    pub samples: u64,
-    /// Updates committed.
-    pub committed: u64,
-    /// Contributions accepted.
-    pub accepted: u64,
-    /// Contributions refused.
-    pub refused: u64,
-    /// Commitments without a claim.
-    pub unanswered: u64,
-    /// Total earnings.
-    pub credits: u64,
-}
-
-impl NodeHistory {
-    /// The share of accepted among decided contributions.
-    pub fn acceptance(&self) -> Option<f64> {
-        let decided = self.accepted + self.refused;
-        (decided > 0).then(|| self.accepted as f64 / decided as f64)
-    }
-}
-
 impl History {
     /// Counts the verified entry `index`.
     pub fn observe(&mut self, index: u64, entry: &Entry) {
@@ -331,8 +301,10 @@ impl History {
     }
 
     /// Changes a node's identity. Its past counts.
+    /// Notes a node's present key. A governor's change of the key that its node has had does not move the node.
     fn replace_key(&mut self, node: &NodeId, with: NodeId) {
-        if let Some(&place) = self.places.get(node) {
+        let place = self.places.get(node).copied();
+        if let Some(place) = place.filter(|place| self.nodes[*place].id == node.to_string()) {
             self.places.insert(with, place);
             self.nodes[place].id = with.to_string();
         }

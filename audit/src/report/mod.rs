@@ -4,6 +4,7 @@ mod charts;
 pub mod describe;
 pub mod history;
 pub mod html;
+pub mod node_history;
 mod page;
 pub mod program_in_force;
 pub mod public_losses;

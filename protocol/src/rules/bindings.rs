@@ -207,9 +207,7 @@ impl ClaimBindings {
                 // It was refused on arrival, and recorded later.
                 (1..=*at_most).contains(late_ms) && round == open && what == late
             }
-            (RefusalCode::Late { .. } | RefusalCode::Binding(_), found) => {
-                found.as_ref() == Err(reason)
-            }
+            (reason, found) if reason.follows_from_ledger() => found.as_ref() == Err(reason),
             (reason, _) if !reason.follows_from_blobs() => false,
             // The proof and the blobs show these reasons.
             _ => true,

@@ -319,7 +319,7 @@ proptest! {
     #[test]
     fn decoding_any_bytes_is_an_entry_or_an_error(
         bytes in prop::collection::vec(any::<u8>(), 0..600),
-        body in 0..21u8,
+        body in 0..32u8,
     ) {
         let mut entry = ENTRY_VERSION.to_le_bytes().to_vec();
         entry.extend([0; 8]);

@@ -150,6 +150,11 @@ impl RefusalCode {
         )
     }
 
+    /// Whether claim and ledger show it. The ledger's rules check it wherever it is recorded.
+    pub fn follows_from_ledger(&self) -> bool {
+        matches!(self, Self::Late { .. } | Self::Binding(_))
+    }
+
     /// Whether anyone with the proof and the weights can repeat the check. Other refusals follow from the ledger, or from bytes
     /// that are never recorded.
     pub fn follows_from_blobs(&self) -> bool {
