@@ -1,6 +1,7 @@
 //! Random histories. The state machine answers every entry, a refused entry changes nothing, and a state restored from bytes behaves the
 //! same.
 
+mod bent;
 mod nonsense;
 mod steps;
 
