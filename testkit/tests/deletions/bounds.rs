@@ -16,7 +16,7 @@ pub const REMOVALS: &[Removal] = &[
         "a_round_does_not_open_with_fewer_nodes_than_have_to_be_present"),
     protocol("the rules ask for no more nodes than can commit", NETWORK_RULES, never!("!(1..=most).contains(min_nodes)"),
         "no_rule_asks_for_more_than_there_can_be"),
-    protocol("the rules of SCAFFOLD have bounds", NETWORK_RULES, skipped!("within(\"steps\", steps, 1, MAX_LOCAL_STEPS)?;"),
+    protocol("the rules of SCAFFOLD have bounds", "protocol/src/rules/closing/strategy.rs", skipped!("within(\"steps\", steps, 1, MAX_LOCAL_STEPS)?;"),
         "scaffold_by_which_nobody_could_train_founds_nothing"),
     protocol("a node signs that it leaves", "protocol/src/entries/authentic.rs",
         &[("Body::NodeLeft(signed) =>", "Body::NodeLeft(_) if OUT => {} Body::NodeLeft(signed) =>")],

@@ -1,6 +1,7 @@
-//! The end of a round: shares, credits, whether the result is taken, and what FedAdam keeps of it.
+//! The end of a round: strategy, shares, credits, whether the result is taken, and what FedAdam keeps of it.
 
 pub mod credits;
 pub mod public_samples;
 pub mod server_moments;
 pub mod shares;
+pub mod strategy;
