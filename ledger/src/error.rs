@@ -76,6 +76,9 @@ pub enum LedgerError {
     /// The store of the blobs has other entries where this ledger goes on.
     #[error("the blob store {address} holds another entry {index} than this ledger, so another aggregator writes the same log. Stop one of the two. To go on here, start again with the same command, which takes the entries from the store; if it ends like this once more, move the ledger's folder away first")]
     OtherEntries { address: String, index: u64 },
+    /// The store of the blobs has a statement about pruned blobs that this ledger's does not include.
+    #[error("another aggregator of this log has pruned more from the blob store {0}, so nothing is deleted: stop one of the two, and start the other again")]
+    PrunedElsewhere(String),
     /// There is no ledger, neither in the folder nor in the store.
     #[error("there is no ledger in {dir}, and the blob store {address} holds no entries of one: name the right folder or store, or found a network with `zk0 aggregator init`")]
     NoEntries { dir: PathBuf, address: String },

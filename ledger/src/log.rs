@@ -18,6 +18,7 @@ use crate::clock::ClockWatch;
 use crate::error::{io_error, LedgerError};
 use crate::folder;
 use crate::group::{group, TrialState, WantedEntry};
+use crate::pruned;
 use crate::replay::{continuing, HistoryFold};
 use crate::store::reader::LedgerReader;
 use crate::store::{Store, StoreBatch};
@@ -185,6 +186,7 @@ impl Ledger {
                 published = folder::read_checkpoint(dir)?;
                 continuing::verify_rest(&store, dir, published.as_deref(), &mut history, fold)?;
             }
+            pruned::reconcile(dir, history.genesis(), entries)?;
         }
         let (state, tree, checkpoint) = history.into_parts();
         // The writer was killed between a commit and the checkpoint's publication.

@@ -29,7 +29,7 @@ use zk0_protocol::pruning::Pruning;
 use zk0_protocol::rules::named_blobs::named_blobs;
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_protocol::rules::state::State;
-use zk0_protocol::Signed;
+use zk0_protocol::{Genesis, Signed};
 
 pub use needed::Reason;
 
@@ -94,6 +94,7 @@ pub struct PrunePlan {
 pub struct SignedPlan {
     dir: PathBuf,
     blobs: Blobs,
+    genesis: Genesis,
     statement: Option<Signed<Pruning>>,
     doomed: Vec<Doomed>,
     _opened: LedgerReader,
@@ -211,6 +212,7 @@ impl PrunePlan {
         SignedPlan {
             dir: ledger.dir().into(),
             blobs: ledger.blobs().clone(),
+            genesis: ledger.state().genesis().clone(),
             statement: self.statement.map(|statement| ledger.sign(statement)),
             doomed: self.doomed,
             _opened: ledger.reader().clone(),
@@ -233,7 +235,7 @@ impl SignedPlan {
     /// The file system or the store of the blobs fails. The statement is on disk, unless writing it has failed. Some blobs may be deleted.
     pub fn carry_out(self) -> Result<Amount, LedgerError> {
         if let Some(statement) = &self.statement {
-            pruned::write(&self.dir, statement)?;
+            pruned::publish(&self.dir, &self.blobs, &self.genesis, statement)?;
         }
         let mut freed = Amount::default();
         for blob in &self.doomed {

@@ -1,6 +1,9 @@
 //! The file `pruned` in a ledger's folder: the operator's statement about blobs that are no longer kept ([`Pruning`]), signed with the
-//! log's key.
+//! log's key. If the blobs have a store, the statement is there, too, for an aggregator that starts in an empty folder.
 
+use crate::blobs::entry_objects::EntryStore;
+use crate::blobs::error::BlobError;
+use crate::blobs::Blobs;
 use crate::error::LedgerError;
 use crate::folder;
 use std::path::Path;
@@ -88,4 +91,62 @@ pub(crate) fn keep_newer(
         Some(held) if offered.and(&held) != *offered => Ok(()),
         _ => write(dir, signed),
     }
+}
+
+/// Writes the statement before a blob is deleted: first into the store of `blobs`, if they have one, then into `dir`.
+///
+/// # Errors
+/// Another aggregator has pruned more ([`LedgerError::PrunedElsewhere`]); the store or the disk fails.
+pub(crate) fn publish(
+    dir: &Path,
+    blobs: &Blobs,
+    genesis: &Genesis,
+    signed: &Signed<Pruning>,
+) -> Result<(), LedgerError> {
+    if let Some(store) = blobs.entry_store() {
+        put(store, genesis, signed)?;
+    }
+    write(dir, signed)
+}
+
+/// Gives the folder and the store the later of their statements.
+pub(crate) fn reconcile(
+    dir: &Path,
+    genesis: &Genesis,
+    store: &dyn EntryStore,
+) -> Result<(), LedgerError> {
+    if let Some(stored) = stored(store, genesis)? {
+        keep_newer(dir, genesis, &stored)?;
+    }
+    match read_signed(dir, genesis)? {
+        Some(signed) => put(store, genesis, &signed),
+        None => Ok(()),
+    }
+}
+
+fn put(
+    store: &dyn EntryStore,
+    genesis: &Genesis,
+    signed: &Signed<Pruning>,
+) -> Result<(), LedgerError> {
+    match stored(store, genesis)? {
+        Some(stored) if stored == *signed => return Ok(()),
+        Some(stored) if signed.statement.and(&stored.statement) != signed.statement => {
+            return Err(LedgerError::PrunedElsewhere(store.place().into()));
+        }
+        _ => {}
+    }
+    let statement = encode(signed);
+    Ok(store.put_pruned(&statement).map_err(BlobError::from)?)
+}
+
+fn stored(
+    store: &dyn EntryStore,
+    genesis: &Genesis,
+) -> Result<Option<Signed<Pruning>>, LedgerError> {
+    let bytes = store.pruned().map_err(BlobError::from)?;
+    let from = format!("{}/pruned", store.place());
+    bytes
+        .map(|bytes| decode(&from, &bytes, genesis))
+        .transpose()
 }

@@ -1,5 +1,5 @@
 //! The log's entries in a store: one object for each group, named by the index of its first entry. An object is written once and never
-//! replaced. So of two writers of one log, only one can go on.
+//! replaced. So of two writers of one log, only one can go on. Beside them is the operator's statement about blobs no longer kept.
 
 use super::error::StoreError;
 
@@ -30,4 +30,10 @@ pub trait EntryStore: Send + Sync {
 
     /// The first entries of the groups from entry `from` on, in any order.
     fn groups_from(&self, from: u64) -> Result<Vec<u64>, StoreError>;
+
+    /// Replaces the operator's statement about blobs that are no longer kept ([`crate::pruned`]), durably.
+    fn put_pruned(&self, statement: &[u8]) -> Result<(), StoreError>;
+
+    /// That statement; `None` if there is none.
+    fn pruned(&self) -> Result<Option<Vec<u8>>, StoreError>;
 }

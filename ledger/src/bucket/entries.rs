@@ -1,9 +1,11 @@
-//! Groups of entries in a bucket: `PREFIX/entries/FIRST`.
+//! Groups of entries in a bucket: `PREFIX/entries/FIRST`. Beside them `PREFIX/pruned`.
 
 use crate::blobs::entry_objects::{group_name, group_of, EntryStore, FOLDER};
 use crate::blobs::error::StoreError;
 use crate::bucket::Bucket;
 use object_store::path::Path as ObjectPath;
+use object_store::Attributes;
+use zk0_protocol::pruning::PRUNING_BYTES;
 
 /// How many bytes of a group are read. A group has fewer.
 const GROUP_BYTES: u64 = 1 << 28;
@@ -11,6 +13,10 @@ const GROUP_BYTES: u64 = 1 << 28;
 impl Bucket {
     fn groups(&self) -> ObjectPath {
         self.objects.prefix.clone().join(FOLDER)
+    }
+
+    fn pruned_object(&self) -> ObjectPath {
+        self.objects.prefix.clone().join("pruned")
     }
 
     fn group_object(&self, first: u64) -> ObjectPath {
@@ -43,5 +49,17 @@ impl EntryStore for Bucket {
         let named = |(name, _): (ObjectPath, u64)| group_of(name.filename()?);
         let groups = found.into_iter().filter_map(named);
         Ok(groups.filter(|first| *first >= from).collect())
+    }
+
+    fn put_pruned(&self, statement: &[u8]) -> Result<(), StoreError> {
+        let (what, object) = ("storing what was pruned", self.pruned_object());
+        let attributes = Attributes::default();
+        self.objects
+            .put_bytes(what, &object, statement.to_vec(), attributes)
+    }
+
+    fn pruned(&self) -> Result<Option<Vec<u8>>, StoreError> {
+        let (what, most) = ("reading what was pruned", PRUNING_BYTES as u64);
+        self.objects.start(what, &self.pruned_object(), most)
     }
 }

@@ -34,6 +34,11 @@ fn are_written_once(address: &str, variables: &[(String, String)]) {
     assert_eq!(from(3), [7, 10, 1000]);
     assert_eq!(from(7), [7, 10, 1000]);
     assert!(from(1001).is_empty());
+    assert_eq!(theirs.pruned().unwrap(), None);
+    for statement in [b"first", b"later"] {
+        ours.put_pruned(statement).unwrap();
+        assert_eq!(theirs.pruned().unwrap().unwrap(), statement);
+    }
     // They are no blobs.
     assert!(ours.all().unwrap().is_empty());
 }

@@ -23,6 +23,7 @@ pub struct Memory(Arc<Mutex<Kept>>);
 #[derive(Debug, Default)]
 pub struct Kept {
     pub groups: BTreeMap<u64, Vec<u8>>,
+    pub pruned: Option<Vec<u8>>,
     /// So many requests to store a group fail.
     pub failures: usize,
     /// After which the group is there nevertheless.
@@ -139,5 +140,14 @@ impl EntryStore for Memory {
 
     fn groups_from(&self, from: u64) -> Result<Vec<u64>, StoreError> {
         Ok(self.change(|kept| kept.groups.range(from..).map(|(first, _)| *first).collect()))
+    }
+
+    fn put_pruned(&self, statement: &[u8]) -> Result<(), StoreError> {
+        self.change(|kept| kept.pruned = Some(statement.to_vec()));
+        Ok(())
+    }
+
+    fn pruned(&self) -> Result<Option<Vec<u8>>, StoreError> {
+        Ok(self.change(|kept| kept.pruned.clone()))
     }
 }

@@ -9,11 +9,14 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use tempfile::TempDir;
+use zk0_circuits::NodeId;
 use zk0_ledger::blobs::entry_objects::{group_name, group_of};
+use zk0_ledger::prune::PrunePlan;
 use zk0_ledger::replay::{replay, Verdict};
 use zk0_ledger::stored_entries::{decode, encode, StoredEntry};
-use zk0_ledger::{folder, Ledger, LedgerError};
+use zk0_ledger::{folder, pruned, Ledger, LedgerError};
 use zk0_protocol::entries::entry::needs_checkpoint;
+use zk0_protocol::pruning::Pruning;
 use zk0_protocol::{Body, Entry};
 
 fn founded(dir: &Path) {
@@ -402,6 +405,74 @@ fn a_store_that_overwrites_is_refused() {
     let refused = grown.memory.open(grown.dir()).map(drop);
     assert!(
         matches!(refused, Err(LedgerError::NoFence(_))),
+        "{refused:?}"
+    );
+}
+
+/// A plan that deletes nothing, and states that updates of rounds before this one are not kept.
+fn pruning(ledger: &Ledger, updates_before: u64) -> PrunePlan {
+    PrunePlan {
+        entries: ledger.size(),
+        closed: 0,
+        first_kept: updates_before,
+        longer: None,
+        doomed: Vec::new(),
+        kept: (0, 0),
+        statement: Some(Pruning {
+            network: *ledger.state().network(),
+            operator: NodeId(ledger.state().genesis().log_key),
+            entries: ledger.size(),
+            updates_before,
+            proofs_before: 0,
+            weights_before: 0,
+        }),
+    }
+}
+
+#[test]
+fn what_was_pruned_is_known_in_an_empty_folder() {
+    let grown = Grown::new();
+    let ledger = grown.memory.open(grown.dir()).unwrap();
+    let plan = pruning(&ledger, 3);
+    plan.carry_out(&ledger).unwrap();
+    drop(ledger);
+    drop(grown.memory.open(&grown.other()).unwrap());
+    let read = |dir: &Path| pruned::read(dir, &genesis()).unwrap();
+    assert_eq!(read(&grown.other()), plan.statement);
+    // A store that lacks it gets it from the folder.
+    grown.memory.change(|kept| kept.pruned = None);
+    drop(grown.memory.open(grown.dir()).unwrap());
+    assert!(grown.memory.change(|kept| kept.pruned.is_some()));
+}
+
+#[test]
+fn who_knows_less_of_what_was_pruned_deletes_nothing() {
+    let grown = Grown::new();
+    let ours = grown.memory.open(grown.dir()).unwrap();
+    let theirs = grown.memory.open(&grown.other()).unwrap();
+    pruning(&ours, 3).carry_out(&ours).unwrap();
+    let stored = grown.memory.change(|kept| kept.pruned.clone());
+    let refused = pruning(&theirs, 2).carry_out(&theirs);
+    assert!(
+        matches!(refused, Err(LedgerError::PrunedElsewhere(_))),
+        "{refused:?}"
+    );
+    assert_eq!(grown.memory.change(|kept| kept.pruned.clone()), stored);
+    assert_eq!(pruned::read(&grown.other(), &genesis()).unwrap(), None);
+}
+
+#[test]
+fn a_statement_that_the_log_has_not_signed_is_not_taken() {
+    let grown = Grown::new();
+    let ledger = grown.memory.open(grown.dir()).unwrap();
+    pruning(&ledger, 3).carry_out(&ledger).unwrap();
+    grown.memory.change(|kept| {
+        let last = kept.pruned.as_mut().unwrap().last_mut().unwrap();
+        *last ^= 1;
+    });
+    let refused = grown.memory.open(&grown.other()).map(drop);
+    assert!(
+        matches!(refused, Err(LedgerError::BadPruning { .. })),
         "{refused:?}"
     );
 }

@@ -30,6 +30,12 @@ pub const REMOVALS: &[Removal] = &[
     ledger("a store refuses to overwrite", STORED, never!("store.create_group(0, &first).map_err(BlobError::from)?"), "a_store_that_overwrites_is_refused"),
     ledger("a store has no gap", STORED, never!("*first > tree.size()"), "a_store_with_a_gap_is_refused"),
     ledger("groups do not overlap", STORED, never!("*first < tree.size()"), "an_object_of_something_else_is_refused"),
+    ledger("what is deleted from the store is stated there", "ledger/src/pruned.rs", skipped!("put(store, genesis, signed)?;"),
+        "what_was_pruned_is_known_in_an_empty_folder"),
+    ledger("a folder learns from the store what was pruned", "ledger/src/pruned.rs", skipped!("keep_newer(dir, genesis, &stored)?;"),
+        "what_was_pruned_is_known_in_an_empty_folder"),
+    ledger("a later statement about what was pruned stays", "ledger/src/pruned.rs",
+        never!("signed.statement.and(&stored.statement) != signed.statement"), "who_knows_less_of_what_was_pruned_deletes_nothing"),
     ledger("a folder with a checkpoint is not filled", LOG, always!("folder::read_checkpoint(dir)?.is_none()"),
         "a_folder_that_has_lost_its_database_is_not_filled"),
 ];
