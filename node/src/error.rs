@@ -221,6 +221,19 @@ pub enum ParticipantError {
         /// The state folder.
         folder: PathBuf,
     },
+    /// The state folder has files of another release.
+    #[error(
+        "{} names version {found:?} of a node's files, and this release reads version {expected}: start the release of zk0 that wrote them, or choose another folder with --state; nothing there is changed",
+        path.display()
+    )]
+    OtherVersion {
+        /// The file with the version.
+        path: PathBuf,
+        /// The version in it.
+        found: String,
+        /// The version of this release.
+        expected: &'static str,
+    },
     /// A file of the node cannot be read or written.
     #[error("{path}: {error}")]
     File {
