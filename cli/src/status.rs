@@ -12,6 +12,7 @@ use tokio::time::sleep;
 use zk0_circuits::Digest;
 use zk0_node::client::status::RoundWatch;
 use zk0_node::client::NodeClient;
+use zk0_protocol::counted::counted;
 use zk0_protocol::rpc::federation::status_info::Phase;
 use zk0_protocol::rpc::federation::{StatusInfo, Trouble};
 
@@ -125,6 +126,8 @@ struct Facts {
     verification_ms: u64,
     disk_free_percent: Option<u32>,
     blob_store_failing_ms: Option<u64>,
+    backup_ms: Option<u64>,
+    backup_entries: Option<u64>,
     trouble: Vec<TroubleFacts>,
 }
 
@@ -193,6 +196,8 @@ impl StatusView {
             verification_ms: now.verification_ms,
             disk_free_percent: now.disk_free_percent,
             blob_store_failing_ms: now.blob_store_failing_ms,
+            backup_ms: now.backup_ms,
+            backup_entries: now.backup_entries,
             trouble: now.trouble.iter().map(TroubleFacts::from).collect(),
         }
     }
@@ -266,6 +271,14 @@ impl StatusView {
         lines.push(match now.disk_free_percent {
             Some(percent) => format!("disk         {percent} % free"),
             None => "disk         the system does not state how full it is".into(),
+        });
+        lines.push(match now.backup_ms.zip(now.backup_entries) {
+            Some((finished_ms, entries)) => format!(
+                "backup       {} old; the ledger has {} that it lacks",
+                duration(now.now_ms.saturating_sub(finished_ms)),
+                counted(now.entries.saturating_sub(entries), "entry", "entries")
+            ),
+            None => "backup       none yet".into(),
         });
         match now.blob_store_failing_ms {
             None => {}
