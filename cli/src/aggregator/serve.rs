@@ -64,6 +64,10 @@ pub struct AggregatorServeOptions {
     /// Wait this many seconds for a witness to answer.
     #[arg(long, value_name = "SECONDS", default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=3600))]
     witness_seconds: u64,
+    /// Start although no witness answers, so that a vote can name others. Use this only if you know that the log signed nothing after this
+    /// folder was last used. A --blob-store that has all entries shows that, too.
+    #[arg(long)]
+    no_newer_checkpoint_exists: bool,
     /// Fetch drand's beacons from the server at this address, if the rules name a beacon. Repeat the option for more servers; the next one
     /// is asked where one fails [default: the public servers of drand's "quicknet"]
     #[arg(long = "beacon", value_name = "URL")]
@@ -157,6 +161,7 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
         let metrics_listener = listening_if(options.metrics.metrics)?;
         let network = *aggregator.state().network();
         let checkpoint = aggregator.ledger().checkpoint().to_vec();
+        let is_newest = options.no_newer_checkpoint_exists || aggregator.ledger().is_confirmed();
         let reader = aggregator.ledger().reader().clone();
         let prove: ConsistencyProver = Arc::new(move |old, new| {
             let proof = reader.consistency_between(old, new);
@@ -193,7 +198,7 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
             if !is_new {
                 tokio::select! {
                     () = &mut stop => return Ok(()),
-                    checked = not_behind(&witnesses, checkpoint, prove) => checked?,
+                    checked = not_behind(&witnesses, checkpoint, prove, is_newest) => checked?,
                 }
             }
             service = service.witnessed(witnesses).await?;
@@ -260,7 +265,8 @@ fn with_exit_code(error: RequestError) -> anyhow::Error {
     }
 }
 
-/// Waits until a witness confirms that the log continues what it has cosigned, before anything is signed.
+/// Waits until a witness confirms that the log continues what it has cosigned, before anything is signed. If something else shows that the
+/// ledger is the newest one, it asks once.
 ///
 /// # Errors
 /// A witness has cosigned more entries, or others.
@@ -268,12 +274,19 @@ async fn not_behind(
     witnesses: &Arc<Witnesses>,
     checkpoint: Vec<u8>,
     prove: ConsistencyProver,
+    is_newest: bool,
 ) -> Result<()> {
     let mut told = false;
     loop {
         let (witnesses, checkpoint) = (witnesses.clone(), checkpoint.clone());
         let prove = prove.clone();
         match spawn_blocking(move || witnesses.continues(&checkpoint, &prove)).await? {
+            Ok(0) if is_newest => {
+                tracing::warn!(
+                    "no witness answers: votes count, and nothing is published before enough witnesses cosign"
+                );
+                return Ok(());
+            }
             Ok(0) if told => {}
             Ok(0) => {
                 tracing::warn!(

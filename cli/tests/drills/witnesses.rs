@@ -121,6 +121,10 @@ fn a_policy_of_a_dead_witness_is_voted_away() {
     let mut drill = Drill::begin("the policy has a dead witness");
     drill.shortened = Some(SHORT_VOTE);
     witnesses.off(0);
+    // The aggregator is started again, too, before anybody votes.
+    drop(aggregator);
+    let start = [&SOON[..], &["--no-newer-checkpoint-exists"]].concat();
+    let aggregator = network.serves(&start);
     let policy = witnesses.policy(&[1], 1);
     let _aggregator = is_replaced(&network, &mut drill, policy, aggregator);
     is_published(&network);

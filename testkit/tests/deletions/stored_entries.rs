@@ -30,6 +30,7 @@ pub const REMOVALS: &[Removal] = &[
     ledger("a store refuses to overwrite", STORED, never!("store.create_group(0, &first).map_err(BlobError::from)?"), "a_store_that_overwrites_is_refused"),
     ledger("a store has no gap", STORED, never!("*first > tree.size()"), "a_store_with_a_gap_is_refused"),
     ledger("groups do not overlap", STORED, never!("*first < tree.size()"), "an_object_of_something_else_is_refused"),
+    ledger("a store that lacks entries confirms no folder", LOG, always!("stored >= held"), "a_store_with_all_entries_confirms_the_folder"),
     ledger("a folder with a checkpoint is not filled", LOG, always!("folder::read_checkpoint(dir)?.is_none()"),
         "a_folder_that_has_lost_its_database_is_not_filled"),
 ];
