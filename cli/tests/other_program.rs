@@ -12,7 +12,7 @@ use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 use zk0::keys;
 use zk0_circuits::claim::program::verifying_key;
-use zk0_circuits::NodeId;
+use zk0_circuits::{Mode, NodeId};
 use zk0_ledger::log::Ledger;
 use zk0_protocol::entries::program::{Program, OUR_SP1};
 use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
@@ -163,7 +163,10 @@ fn a_node_waits_until_its_program_is_in_force() {
     let mut drill = Drill::begin("the program is updated");
     drill.shortened = Some("a vote takes 10 seconds and not four days");
     drill.lost = "the rounds of a node until its release is installed, or its program voted for";
-    let next = Program::founding(&[2; 32]);
+    // A real program, which this node does not prove with.
+    let mode = network.genesis().mode;
+    let other = Mode::ALL.into_iter().find(|other| *other != mode).unwrap();
+    let next = Program::founding(verifying_key(other));
     vote(
         &mut ledger(&network),
         &governor,
