@@ -10,6 +10,7 @@ use std::process::ExitCode;
 use std::time::Duration;
 use tokio::time::sleep;
 use zk0_circuits::Digest;
+use zk0_node::client::carried::carried;
 use zk0_node::client::status::RoundWatch;
 use zk0_node::client::NodeClient;
 use zk0_protocol::counted::counted;
@@ -94,6 +95,8 @@ struct StatusView {
     name: String,
     /// Its number of entries.
     checkpoint: u64,
+    /// The guest programs of this release.
+    carried: Vec<String>,
     now: StatusInfo,
 }
 
@@ -128,6 +131,7 @@ struct Facts {
     blob_store_failing_ms: Option<u64>,
     backup_ms: Option<u64>,
     backup_entries: Option<u64>,
+    program: String,
     trouble: Vec<TroubleFacts>,
 }
 
@@ -154,6 +158,9 @@ impl StatusView {
             network: *node.network(),
             name: node.genesis().name.clone(),
             checkpoint: node.checkpoint().await?.size,
+            carried: carried(node.genesis().mode)
+                .map(|own| own.to_string())
+                .into(),
             now: node.status().await?,
         })
     }
@@ -198,6 +205,7 @@ impl StatusView {
             blob_store_failing_ms: now.blob_store_failing_ms,
             backup_ms: now.backup_ms,
             backup_entries: now.backup_entries,
+            program: now.program.clone(),
             trouble: now.trouble.iter().map(TroubleFacts::from).collect(),
         }
     }
@@ -255,6 +263,7 @@ impl StatusView {
             "nodes        {} enrolled, {} ready; a round needs {}",
             now.enrolled, now.ready, now.needed
         ));
+        lines.push(self.program_text());
         let wait = now.waiting_to_verify.saturating_mul(now.verification_ms) / now.verifying.max(1);
         lines.push(format!(
             "queue        {} verifications run, {} wait (about {})",
@@ -289,6 +298,20 @@ impl StatusView {
             )),
         }
         lines.join("\n") + "\n"
+    }
+}
+
+impl StatusView {
+    /// The guest program, and whether nodes of this release have it.
+    fn program_text(&self) -> String {
+        // The aggregator chose it.
+        let program = self.now.program.escape_debug();
+        if self.carried.contains(&self.now.program) {
+            format!("program      {program}")
+        } else {
+            let own = self.carried.join(" or ");
+            format!("program      {program}, which this release lacks: its nodes wait for a vote for {own}, or for another release")
+        }
     }
 }
 

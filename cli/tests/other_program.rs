@@ -182,6 +182,9 @@ fn a_node_waits_until_its_program_is_in_force() {
         let status = prints(&[&["governance", "status"], &signed[..4]].concat());
         let in_force = format!("guest program: {next}");
         assert!(status.contains(&in_force), "{status}");
+        let status = prints(&[&["status"], &signed[..4]].concat());
+        let lacks = format!("program      {next}, which this release lacks");
+        assert!(status.contains(&lacks), "{status}");
         let propose = ["governance", "propose", "--title", "back"];
         prints(&[&propose[..], &signed, &["program"]].concat());
         prints(&[&["governance", "vote"][..], &signed, &["1", "for"]].concat());

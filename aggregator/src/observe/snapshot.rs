@@ -50,6 +50,7 @@ pub fn snapshot(aggregator: &Aggregator) -> StatusInfo {
         blob_store_failing_ms: failing_ms,
         backup_ms: backup.map(|last| last.time_ms),
         backup_entries: backup.map(|last| last.entries),
+        program: state.program().to_string(),
         ..StatusInfo::default()
     }
 }

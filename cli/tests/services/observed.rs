@@ -288,9 +288,11 @@ fn the_status_shows_rounds_nodes_the_ledger_and_the_disk() {
         "1 enrolled, 0 ready; a round needs 2",
         "0 of 3 are over",
         "% free",
+        "program      ",
     ] {
         assert!(text.contains(reported), "{reported:?} is not in {text}");
     }
+    assert!(!text.contains("which this release lacks"), "{text}");
 }
 
 #[test]
