@@ -33,7 +33,7 @@ impl NodeClient {
     /// Waits until this release carries the program in force. Meanwhile the node is not present, and asks less and less often.
     pub async fn wait_for_program(&mut self) -> Result<(), NodeError> {
         let carried = carried(self.genesis().mode);
-        let (mut waits, mut lacking) = (Waits::default(), None);
+        let (mut waits, mut lacking) = (Waits::default(), None::<Program>);
         loop {
             let needed = self.program().await?;
             if carried.contains(&needed) {
