@@ -15,6 +15,7 @@ use zk0_lerobot::dataset::Dataset;
 use zk0_node::client::NodeClient;
 use zk0_node::participant::Participant;
 use zk0_node::state_files::lock::StateLock;
+use zk0_node::state_files::version;
 use zk0_service::tls::service_address::ServiceAddress;
 
 /// How long a typed command waits. Then its user decides.
@@ -94,12 +95,13 @@ impl Signer {
 }
 
 impl Membership {
-    /// The participant and its connection. Another node on the state folder is an error.
+    /// The participant and its connection. Another node on the state folder is an error, and so is another version of its files.
     pub async fn begin(&self) -> Result<(Participant, NodeClient)> {
         let state = &self.state;
         make_state(state).with_context(|| format!("creating {}", state.display()))?;
         // What follows reads and removes files there.
         let lock = StateLock::take(state)?;
+        version::check(state)?;
         // A node that restarts while its aggregator is away does not ask the Hub each time.
         let node = self.signer.network.connect(keys::read(&self.signer.key)?);
         let node = node.await?;

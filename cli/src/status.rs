@@ -10,8 +10,10 @@ use std::process::ExitCode;
 use std::time::Duration;
 use tokio::time::sleep;
 use zk0_circuits::Digest;
+use zk0_node::client::carried::carried;
 use zk0_node::client::status::RoundWatch;
 use zk0_node::client::NodeClient;
+use zk0_protocol::counted::counted;
 use zk0_protocol::rpc::federation::status_info::Phase;
 use zk0_protocol::rpc::federation::{StatusInfo, Trouble};
 
@@ -93,6 +95,8 @@ struct StatusView {
     name: String,
     /// Its number of entries.
     checkpoint: u64,
+    /// The guest programs of this release.
+    carried: Vec<String>,
     now: StatusInfo,
 }
 
@@ -125,6 +129,9 @@ struct Facts {
     verification_ms: u64,
     disk_free_percent: Option<u32>,
     blob_store_failing_ms: Option<u64>,
+    backup_ms: Option<u64>,
+    backup_entries: Option<u64>,
+    program: String,
     trouble: Vec<TroubleFacts>,
 }
 
@@ -151,6 +158,9 @@ impl StatusView {
             network: *node.network(),
             name: node.genesis().name.clone(),
             checkpoint: node.checkpoint().await?.size,
+            carried: carried(node.genesis().mode)
+                .map(|own| own.to_string())
+                .into(),
             now: node.status().await?,
         })
     }
@@ -193,6 +203,9 @@ impl StatusView {
             verification_ms: now.verification_ms,
             disk_free_percent: now.disk_free_percent,
             blob_store_failing_ms: now.blob_store_failing_ms,
+            backup_ms: now.backup_ms,
+            backup_entries: now.backup_entries,
+            program: now.program.clone(),
             trouble: now.trouble.iter().map(TroubleFacts::from).collect(),
         }
     }
@@ -250,6 +263,7 @@ impl StatusView {
             "nodes        {} enrolled, {} ready; a round needs {}",
             now.enrolled, now.ready, now.needed
         ));
+        lines.push(self.program_text());
         let wait = now.waiting_to_verify.saturating_mul(now.verification_ms) / now.verifying.max(1);
         lines.push(format!(
             "queue        {} verifications run, {} wait (about {})",
@@ -267,6 +281,14 @@ impl StatusView {
             Some(percent) => format!("disk         {percent} % free"),
             None => "disk         the system does not state how full it is".into(),
         });
+        lines.push(match now.backup_ms.zip(now.backup_entries) {
+            Some((finished_ms, entries)) => format!(
+                "backup       {} old; the ledger has {} that it lacks",
+                duration(now.now_ms.saturating_sub(finished_ms)),
+                counted(now.entries.saturating_sub(entries), "entry", "entries")
+            ),
+            None => "backup       none yet".into(),
+        });
         match now.blob_store_failing_ms {
             None => {}
             Some(0) => lines.push("blob store   answered last time".into()),
@@ -276,6 +298,20 @@ impl StatusView {
             )),
         }
         lines.join("\n") + "\n"
+    }
+}
+
+impl StatusView {
+    /// The guest program, and whether nodes of this release have it.
+    fn program_text(&self) -> String {
+        // The aggregator chose it.
+        let program = self.now.program.escape_debug();
+        if self.carried.contains(&self.now.program) {
+            format!("program      {program}")
+        } else {
+            let own = self.carried.join(" or ");
+            format!("program      {program}, which this release lacks: its nodes wait for a vote for {own}, or for another release")
+        }
     }
 }
 

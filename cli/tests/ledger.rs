@@ -12,7 +12,7 @@ use ed25519_dalek::SigningKey;
 use std::fs;
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
-use zk0_ledger::{Blobs, Ledger};
+use zk0_ledger::{folder, Blobs, Ledger};
 use zk0_protocol::tlog::cosigner::Cosigner;
 
 /// Runs a command that has to fail, and to state `words`.
@@ -100,9 +100,11 @@ fn a_backup_is_restored_unless_something_newer_was_signed() {
     let at = |name: &str| scratch.path().join(name);
     let (saved, again) = (at("backup"), at("again"));
     let original = audit(LEDGER);
-    let reported = prints(&["ledger", "backup", LEDGER, text(&saved)]);
+    let dir = at("ledger");
+    copy(Path::new(LEDGER), &dir);
+    let reported = prints(&["ledger", "backup", text(&dir), text(&saved)]);
     assert!(reported.contains("backed up"), "{reported}");
-    let reported = prints(&["ledger", "backup", LEDGER, text(&saved)]);
+    let reported = prints(&["ledger", "backup", text(&dir), text(&saved)]);
     assert!(reported.contains(" 0 of them new"), "{reported}");
     assert_eq!(audit(text(&saved)), original);
     // Without a known checkpoint, and without the option which states that there is none, the command does nothing.
@@ -195,6 +197,8 @@ fn a_damaged_blob_ends_a_copy_with_an_error_after_everything_else_is_copied() {
     assert!(!reported.contains("damaged"), "{reported}");
     let blob = a_blob_of(&dir);
     fs::write(&blob, b"changed").unwrap();
+    let recorded = folder::read_backed_up(&dir);
+    assert!(recorded.is_some());
     for command in ["backup", "export"] {
         let out = at(command);
         let output = ends(1, zk0(&["ledger", command, text(&dir), text(&out)]));
@@ -206,6 +210,8 @@ fn a_damaged_blob_ends_a_copy_with_an_error_after_everything_else_is_copied() {
         assert!(printed(&output).contains("11 blobs"), "{output:?}");
         assert!(out.join("checkpoint").is_file());
     }
+    // A backup that lacks a blob does not count.
+    assert_eq!(folder::read_backed_up(&dir), recorded);
 }
 
 #[test]

@@ -1,22 +1,24 @@
 //! A node compares the network's guest program with its own before each round, and its recording with the rules, because a vote may change both
-//! between rounds.
+//! between rounds. While it lacks the program, it waits.
 
 use crate::harness::drill::Drill;
 use crate::harness::network::LocalNetwork;
+use crate::harness::process::Process;
 use crate::harness::{self, logged, printed, prints, zk0};
 use ed25519_dalek::SigningKey;
-use serde_json::Value;
+use serde_json::{json, Value};
 use std::fs;
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 use zk0::keys;
 use zk0_circuits::claim::program::verifying_key;
-use zk0_circuits::NodeId;
+use zk0_circuits::{Mode, NodeId};
 use zk0_ledger::log::Ledger;
 use zk0_protocol::entries::program::{Program, OUR_SP1};
 use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
 use zk0_protocol::entries::signed::{Proposal, Vote};
-use zk0_protocol::{Body, Signed};
+use zk0_protocol::{Body, Entry, Signed};
+use zk0_testkit::until;
 
 /// This much training makes the update better, so that the node submits a claim and the round closes at once.
 const TRAINING: [&str; 6] = [
@@ -28,7 +30,7 @@ const TRAINING: [&str; 6] = [
     "5e-4",
 ];
 
-/// Founds a network with one governor, whose votes take this long.
+/// Founds a network with one governor, whose votes take this long. A round opens while its node is present.
 fn governed(network: &LocalNetwork, voting_ms: u64) -> SigningKey {
     let file = network.path("governor.key");
     let governor = keys::generate(Path::new(&file)).unwrap();
@@ -42,9 +44,9 @@ fn governed(network: &LocalNetwork, voting_ms: u64) -> SigningKey {
     // With these, the claim holds for nearly every challenge. Otherwise a round would last its whole minute.
     rules["confidence"] = "95%".into();
     rules["min_improvement_bps"] = 1.into();
-    for wait in ["voting_ms", "time_lock_ms"] {
-        rules["governance"][wait] = voting_ms.into();
-    }
+    rules["governance"]["voting_ms"] = voting_ms.into();
+    rules["governance"]["time_lock_ms"] = 1.into();
+    rules["participation"] = json!({"present": {"min_nodes": 1, "fraction_bps": 0}});
     let file = network.path("rules.json");
     fs::write(&file, rules.to_string()).unwrap();
     let node = format!("node={node}");
@@ -72,7 +74,12 @@ fn vote_in_a_round(network: &LocalNetwork, governor: &SigningKey, action: Action
         let opening = ledger.state().next_opening(now).unwrap();
         ledger.append(now, Body::RoundOpened(opening)).unwrap();
     }
-    let round = ledger.state().round().unwrap().number();
+    vote(&mut ledger, governor, action);
+    ledger.state().round().unwrap().number()
+}
+
+/// Records a proposal and the governor's vote for it.
+fn vote(ledger: &mut Ledger, governor: &SigningKey, action: Action) {
     let (network, number) = (*ledger.state().network(), ledger.state().next_proposal());
     let identity = NodeId(governor.verifying_key().to_bytes());
     let proposal = Proposal {
@@ -97,56 +104,99 @@ fn vote_in_a_round(network: &LocalNetwork, governor: &SigningKey, action: Action
     ] {
         ledger.append(now, body).unwrap();
     }
-    round
+}
+
+/// Waits until this many proposals are carried out.
+#[track_caller]
+fn are_carried_out(network: &LocalNetwork, proposals: usize) {
+    let executed = |entry: &Entry| matches!(&entry.body, Body::ProposalSettled(settled) if settled.outcome == Outcome::Executed);
+    until(format!("{proposals} proposals are carried out"), || {
+        let entries = network.entries().into_iter();
+        entries.filter(executed).count() >= proposals
+    });
+}
+
+/// Waits until the node reports that it waits for this program, which is the first that it reports of these two.
+#[track_caller]
+fn waits_for(node: &Process, network: &LocalNetwork, needed: &Program) {
+    let own = verifying_key(network.genesis().mode);
+    let line = node.says_one_of(&["the network proves with", "opening the recording"]);
+    let reported = line["message"].as_str().unwrap();
+    for words in [
+        format!("the network proves with the guest program {needed}"),
+        format!("its program is {} of SP1 {OUR_SP1}", hex::encode(own)),
+        format!("this is zk0 {}", env!("CARGO_PKG_VERSION")),
+    ] {
+        assert!(reported.contains(&words), "{words}: {reported}");
+    }
 }
 
 #[test]
-fn a_node_stops_before_a_round_of_another_program() {
+fn a_node_waits_before_a_round_of_another_program() {
     let network = LocalNetwork::new();
     let governor = governed(&network, 1);
     network.joins(1, &TRAINING);
     assert!(Path::new(&network.path("state/round-0.safetensors")).exists());
-    let mut drill = Drill::begin("the program is updated");
-    drill.shortened = Some("a vote takes a millisecond and not four days");
-    drill.lost = "the rounds of a node until its release is installed";
     // The vote is over while round 1 is open, which keeps its program. Round 2 is of the other one.
     let next = Program::founding(&[2; 32]);
     let round = vote_in_a_round(&network, &governor, Action::ReplaceProgram(next.clone()));
-    let own = verifying_key(network.genesis().mode);
-    let needs = |output: &std::process::Output, needed: &Program| {
-        let reported = logged(output);
-        assert_eq!(output.status.code(), Some(1), "{reported}");
-        for words in [
-            format!("the network proves with the guest program {needed}"),
-            format!("its program is {} of SP1 {OUR_SP1}", hex::encode(own)),
-            format!("this is zk0 {}", env!("CARGO_PKG_VERSION")),
-        ] {
-            assert!(reported.contains(&words), "{words}: {reported}");
-        }
-        reported
-    };
-    let output = network.join(3, &TRAINING);
-    let reported = needs(&output, &next);
-    assert!(
-        reported.contains(&format!("round {round} has closed")),
-        "{reported}"
-    );
+    network.served(|aggregator, prover, id| {
+        let joining = network.joining([aggregator, prover, id], 3, &TRAINING);
+        let node = Process::start(&joining);
+        node.reports(&format!("round {round} has closed"));
+        waits_for(&node, &network, &next);
+    });
     let update = |round: u64| network.path(&format!("state/round-{round}.safetensors"));
     assert!(Path::new(&update(round)).exists());
     // The node has neither trained nor committed in the round of the other program.
     assert!(!Path::new(&update(round + 1)).exists());
-    let executed = |entry: &zk0_protocol::Entry| matches!(&entry.body, Body::ProposalSettled(settled) if settled.outcome == Outcome::Executed);
-    assert!(network.entries().iter().any(executed));
+    are_carried_out(&network, 1);
     assert_eq!(ledger(&network).state().program(), &next);
-    // Another start does not even prepare the recording.
-    let reported = needs(&network.join(1, &TRAINING), &next);
-    assert!(!reported.contains("preparing the recording"), "{reported}");
-    let status = network.served(|aggregator, _, id| {
-        let of = ["--aggregator", aggregator, "--network", id];
-        prints(&[&["governance", "status"], &of[..]].concat())
+}
+
+/// The node begins to wait before it opens its recording, and no round waits for it. After a vote for its program it takes part.
+#[test]
+fn a_node_waits_until_its_program_is_in_force() {
+    let network = LocalNetwork::new();
+    let governor = governed(&network, 10_000);
+    network.joins(0, &TRAINING);
+    let mut drill = Drill::begin("the program is updated");
+    drill.shortened = Some("a vote takes 10 seconds and not four days");
+    drill.lost = "the rounds of a node until its release is installed, or its program voted for";
+    // A real program, which this node does not prove with.
+    let mode = network.genesis().mode;
+    let other = Mode::ALL.into_iter().find(|other| *other != mode).unwrap();
+    let next = Program::founding(verifying_key(other));
+    vote(
+        &mut ledger(&network),
+        &governor,
+        Action::ReplaceProgram(next.clone()),
+    );
+    let key = network.path("governor.key");
+    network.served(|aggregator, prover, id| {
+        are_carried_out(&network, 1);
+        let joining = network.joining([aggregator, prover, id], 1, &TRAINING);
+        let mut node = Process::start(&joining);
+        waits_for(&node, &network, &next);
+        let signed = ["--aggregator", aggregator, "--network", id, "--key", &key];
+        let status = prints(&[&["governance", "status"], &signed[..4]].concat());
+        let in_force = format!("guest program: {next}");
+        assert!(status.contains(&in_force), "{status}");
+        let status = prints(&[&["status"], &signed[..4]].concat());
+        let lacks = format!("program      {next}, which this release lacks");
+        assert!(status.contains(&lacks), "{status}");
+        let propose = ["governance", "propose", "--title", "back"];
+        prints(&[&propose[..], &signed, &["program"]].concat());
+        prints(&[&["governance", "vote"][..], &signed, &["1", "for"]].concat());
+        are_carried_out(&network, 2);
+        node.ends();
     });
-    let in_force = format!("guest program: {next}");
-    assert!(status.contains(&in_force), "{status}");
+    let entries = network.entries();
+    let settled = |entry: &Entry| matches!(entry.body, Body::ProposalSettled(_));
+    let opened = |entry: &Entry| matches!(entry.body, Body::RoundOpened(_));
+    // No round opens before the last vote is settled.
+    assert!(entries.iter().position(opened) > entries.iter().rposition(settled));
+    assert!(Path::new(&network.path("state/round-0.safetensors")).exists());
     drill.typed.push("zk0 governance status".to_owned());
     drill.passed();
 }

@@ -1,5 +1,5 @@
 //! A ledger's folder and its small files: the newest signed checkpoint, and, if any, the witness policy, the newest cosigned checkpoint,
-//! and the statement about pruned blobs.
+//! the statement about pruned blobs, and when the last backup was made.
 
 use crate::error::{io_error, LedgerError};
 use std::path::{Path, PathBuf};
@@ -49,6 +49,36 @@ pub fn read_alive(dir: &Path) -> Option<u64> {
 /// Records that an aggregator runs at `now_ms`, in Unix milliseconds. The file may get lost or torn.
 pub fn write_alive(dir: &Path, now_ms: u64) -> io::Result<()> {
     fs::write(alive(dir), now_ms.to_string())
+}
+
+/// The last backup of a ledger.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LastBackup {
+    /// When it was finished, in Unix milliseconds.
+    pub time_ms: u64,
+    /// How many entries it has.
+    pub entries: u64,
+}
+
+/// The path of the file about the last backup.
+pub fn backed_up(dir: &Path) -> PathBuf {
+    dir.join("backed-up")
+}
+
+/// The last backup, if one is recorded.
+pub fn read_backed_up(dir: &Path) -> Option<LastBackup> {
+    let text = read(&backed_up(dir), 41).ok()??;
+    let (time_ms, entries) = std::str::from_utf8(&text).ok()?.split_once(' ')?;
+    Some(LastBackup {
+        time_ms: time_ms.parse().ok()?,
+        entries: entries.parse().ok()?,
+    })
+}
+
+/// Records the last backup, durably.
+pub fn write_backed_up(dir: &Path, last: LastBackup) -> Result<(), LedgerError> {
+    let text = format!("{} {}", last.time_ms, last.entries);
+    replace(&backed_up(dir), text.as_bytes())
 }
 
 /// The checkpoint file's content; `None` without a file.

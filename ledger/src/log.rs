@@ -64,6 +64,8 @@ pub struct Ledger {
     poisoned: bool,
     /// An entry in whose place the store has another one.
     fenced: Option<u64>,
+    /// Whether the store had all entries of the folder at the opening.
+    confirmed: bool,
 }
 
 impl Ledger {
@@ -107,6 +109,7 @@ impl Ledger {
             store_watch: None,
             poisoned: false,
             fenced: None,
+            confirmed: false,
         };
         folder::sync(dir)?;
         folder::sync(folder_of(dir))?;
@@ -181,8 +184,12 @@ impl Ledger {
             );
         }
         // After the blobs that they name.
+        let mut confirmed = false;
         if let Some(entries) = blobs.entry_store() {
-            if stored_entries::reconcile(dir, &store, history.genesis(), entries)? {
+            let held = store.size()?;
+            let stored = stored_entries::reconcile(dir, &store, history.genesis(), entries)?;
+            confirmed = stored >= held;
+            if stored > held {
                 published = folder::read_checkpoint(dir)?;
                 continuing::verify_rest(&store, dir, published.as_deref(), &mut history, fold)?;
             }
@@ -208,6 +215,7 @@ impl Ledger {
             store_watch: None,
             poisoned: false,
             fenced: None,
+            confirmed,
         })
     }
 
@@ -398,6 +406,11 @@ impl Ledger {
     /// The ledger's folder.
     pub fn dir(&self) -> &Path {
         &self.dir
+    }
+
+    /// Whether the store of the blobs had all entries of the folder when the ledger was opened. Then no newer one was acknowledged.
+    pub fn is_confirmed(&self) -> bool {
+        self.confirmed
     }
 
     /// Proves that entry `index` is in the newest checkpoint's tree.

@@ -154,13 +154,13 @@ pub(crate) fn found(
 }
 
 /// Brings the database in `dir` and the store to the same entries: takes those that the store has more, or puts there those that it lacks.
-/// The database's are verified. Returns whether it has new entries, verified by their checkpoints, not by the rules.
+/// The database's are verified. Returns how many the store had. What the database has taken is verified by its checkpoints, not by the rules.
 pub(crate) fn reconcile(
     dir: &Path,
     database: &Store,
     genesis: &Genesis,
     store: &dyn EntryStore,
-) -> Result<bool, LedgerError> {
+) -> Result<u64, LedgerError> {
     let held = database.size()?;
     let groups = groups_around(store, held)?;
     let stored = match groups.first() {
@@ -175,7 +175,7 @@ pub(crate) fn reconcile(
         put_rest(database, store, stored..held)?;
     }
     check_fence(store)?;
-    Ok(stored > held)
+    Ok(stored)
 }
 
 /// Checks that the store refuses to create what it has: that fences aggregators off from each other. Not every service that speaks S3 knows

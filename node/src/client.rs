@@ -1,5 +1,6 @@
 //! A node's connection to an aggregator. The node does not trust it: it knows the network's id, and demands a receipt for each entry.
 
+pub mod carried;
 mod heads;
 pub mod status;
 pub mod stored_update;

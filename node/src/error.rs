@@ -5,7 +5,6 @@ use std::io;
 use std::path::PathBuf;
 use zk0_circuits::claim::challenge::DrawError;
 use zk0_circuits::Digest;
-use zk0_protocol::entries::program::Program;
 use zk0_prover::machine::NoRoom;
 use zk0_prover::program::NotProvable;
 use zk0_prover::service::ClientError;
@@ -55,17 +54,6 @@ pub enum ParticipantError {
          the recording, or join another network"
     )]
     OtherRecording(String),
-    /// This release has another guest program than the network.
-    #[error(
-        "the network proves with the guest program {needed}, but this is zk0 {release}, and its program is {own}: join with the release of zk0 that has the network's program",
-        release = env!("CARGO_PKG_VERSION")
-    )]
-    OtherProgram {
-        /// The network's.
-        needed: Program,
-        /// This release's.
-        own: Program,
-    },
     /// Policy and evaluation specification have different dimensions.
     #[error("the network's policy and its evaluation specification have different dimensions, so nobody can take part: tell its operator")]
     Dimensions,
@@ -232,6 +220,19 @@ pub enum ParticipantError {
     StateInUse {
         /// The state folder.
         folder: PathBuf,
+    },
+    /// The state folder has files of another release.
+    #[error(
+        "{} names version {found:?} of a node's files, and this release reads version {expected}: start the release of zk0 that wrote them, or choose another folder with --state; nothing there is changed",
+        path.display()
+    )]
+    OtherVersion {
+        /// The file with the version.
+        path: PathBuf,
+        /// The version in it.
+        found: String,
+        /// The version of this release.
+        expected: &'static str,
     },
     /// A file of the node cannot be read or written.
     #[error("{path}: {error}")]

@@ -5,8 +5,8 @@
 //! - [`recording`]: the node's data, and the evaluation set that it commits to; [`samples`]: frames as samples, through the prefix cache;
 //!   [`progress`]: reports of long work.
 //! - [`exchanged_weights`]: between float32 weights in training and int16 weights that travel.
-//! - [`client`]: the connection to the aggregator; `client::watching`: follows a round; [`challenge`]: verifies the randomness;
-//!   [`client_error`]: why it fails; [`governance`]: proposals, votes, disputes and new keys.
+//! - [`client`]: the connection to the aggregator; `client::watching`: follows a round; [`client::carried`]: waits for a guest program;
+//!   [`challenge`]: verifies the randomness; [`client_error`]: why it fails; [`governance`]: proposals, votes, disputes and new keys.
 //! - [`observe`]: metrics and troubles; [`tensorboard`]: curves as event files.
 //! - [`state_files`]: files that a node keeps, and their lock; among them [`turn::unfinished`] (what an interrupted node goes on with),
 //!   [`base_losses`] (what its learning rate follows), [`training_history`] and [`receipts`].

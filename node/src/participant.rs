@@ -13,14 +13,11 @@ use std::fs::File;
 use std::io::BufWriter;
 use std::path::PathBuf;
 use zk0_argument::claim::most_samples;
-use zk0_circuits::claim::program::verifying_key;
 use zk0_circuits::model::spec::EvalSpec;
-use zk0_circuits::Mode;
 use zk0_files::atomic_file::put_in_place;
 use zk0_lerobot::dataset::{Dataset, RenameMap};
 use zk0_protocol::counted::counted;
 use zk0_protocol::entries::entry::RoundOpened;
-use zk0_protocol::entries::program::{Program, OUR_SP1};
 use zk0_protocol::entries::refusal::Refusal;
 use zk0_protocol::entries::round_result::ResultOutcome;
 use zk0_protocol::rpc::federation::{turned_down::Remedy, TurnedDown};
@@ -54,13 +51,12 @@ pub struct Participant {
 }
 
 impl Participant {
-    /// Fetches the network's policy, and opens the recording.
+    /// Waits until the node has the network's program, fetches the policy, and opens the recording.
     ///
     /// # Errors
-    /// The network proves with another program, or the recording, the aggregator or the file system fails.
+    /// The recording, the aggregator or the file system fails.
     async fn open(&self, node: &mut NodeClient) -> Result<OpenRecording<'_>, ParticipantError> {
-        let program = node.program().await?;
-        check_program(node.genesis().mode, program)?;
+        node.wait_for_program().await?;
         let policy = self.policy(node).await?;
         tracing::info!("opening the recording {}", self.dataset.display());
         let dataset = Dataset::open(&self.dataset)?.renamed(&self.rename_map)?;
@@ -81,8 +77,8 @@ impl Participant {
         self.rounds(node, rounds, play).await
     }
 
-    /// Takes part in `rounds` rounds by `play`. Ends before a round with another guest program, or with rules that ask for other
-    /// recordings.
+    /// Takes part in `rounds` rounds by `play`. Waits before a round whose guest program it lacks. Ends before a round with rules that ask
+    /// for other recordings.
     pub async fn rounds(
         &self,
         node: &mut NodeClient,
@@ -120,9 +116,8 @@ impl Participant {
         let mut next = 0;
         for _ in 0..rounds {
             metrics.enters(NodePhase::Waiting);
-            let OpenRound { opened, program } = node.wait_for_round(next).await?;
             // A vote may have changed program and rules since the last round.
-            check_program(node.genesis().mode, program)?;
+            let OpenRound { opened, .. } = node.wait_for_provable_round(next).await?;
             recording.check(&opened.rules.recordings)?;
             let round = opened.round;
             metrics.begins(round);
@@ -243,19 +238,6 @@ impl Participant {
             put_in_place(&file, &unfinished, &path).map_err(state_files::at(&path))?;
         }
         Ok(path)
-    }
-}
-
-/// With another program, the node would train and prove in vain.
-fn check_program(mode: Mode, needed: Program) -> Result<(), ParticipantError> {
-    let own = Program {
-        key: verifying_key(mode).to_vec(),
-        sp1: OUR_SP1.into(),
-    };
-    if needed == own {
-        Ok(())
-    } else {
-        Err(ParticipantError::OtherProgram { needed, own })
     }
 }
 

@@ -1,6 +1,7 @@
 //! A node's own files in its state folder. A file is written whole or not at all. A reader gets what was written, or an error.
 
 pub mod lock;
+pub mod version;
 
 use crate::error::ParticipantError;
 use serde::de::DeserializeOwned;

@@ -25,6 +25,8 @@ pub(super) struct Sampled {
     /// Entries in the log's store; `u64::MAX` without one.
     log_store: Arc<AtomicU64>,
     log_store_lag: Gauge,
+    backup_age: Gauge,
+    backup_lag: Gauge,
     disk: By,
 }
 
@@ -75,6 +77,16 @@ impl Sampled {
             "Published entries that the store of the published log does not hold yet; 0 without such a store",
             &new.log_store_lag,
         );
+        one(
+            "backup_age_seconds",
+            "Seconds since the last backup of the ledger was finished, or -1 before the first",
+            &new.backup_age,
+        );
+        one(
+            "backup_lag_entries",
+            "Entries that the last backup of the ledger lacks",
+            &new.backup_lag,
+        );
         new
     }
 
@@ -112,5 +124,12 @@ impl Sampled {
         let held = self.log_store.load(Ordering::Relaxed);
         let lag = status.published.saturating_sub(held);
         self.log_store_lag.set(gauged(lag));
+        let age = status.backup_ms.map_or(-1, |finished_ms| {
+            gauged(status.now_ms.saturating_sub(finished_ms) / 1000)
+        });
+        self.backup_age.set(age);
+        let saved = status.backup_entries.unwrap_or(0);
+        let lag = status.entries.saturating_sub(saved);
+        self.backup_lag.set(gauged(lag));
     }
 }

@@ -4,6 +4,7 @@ use crate::observe::machine::Disk;
 use crate::round::aggregator::Aggregator;
 use crate::round::phase::{deadline_ms, phase, ready};
 use std::time::Duration;
+use zk0_ledger::folder;
 use zk0_protocol::entries::member::Standing;
 use zk0_protocol::rpc::federation::StatusInfo;
 use zk0_protocol::rules::state::{Decision, Round, State};
@@ -26,6 +27,7 @@ pub fn snapshot(aggregator: &Aggregator) -> StatusInfo {
     };
     let now_ms = aggregator.now_ms();
     let disk = Disk::of(aggregator.ledger().dir());
+    let backup = folder::read_backed_up(aggregator.ledger().dir());
     let store = aggregator.ledger().blobs().usage();
     let failing_ms = store.map(|usage| usage.failing().map_or(0, |since| millis(since).max(1)));
     StatusInfo {
@@ -46,6 +48,9 @@ pub fn snapshot(aggregator: &Aggregator) -> StatusInfo {
         last_entry_ms: state.time_ms(),
         disk_free_percent: disk.ok().map(Disk::free_percent),
         blob_store_failing_ms: failing_ms,
+        backup_ms: backup.map(|last| last.time_ms),
+        backup_entries: backup.map(|last| last.entries),
+        program: state.program().to_string(),
         ..StatusInfo::default()
     }
 }

@@ -1,5 +1,5 @@
 //! The answer to `GetStatus`. Strangers may ask, so it holds only what follows from the ledger, how busy the aggregator is, and what is
-//! wrong: counts of verifications, the full part of the disk in per cent, for how long the store has failed, and troubles.
+//! wrong: counts of verifications, the full part of the disk in per cent, for how long the store has failed, the last backup, and troubles.
 
 use crate::observe::entry_store::is_away;
 use crate::observe::snapshot::{millis, snapshot};

@@ -192,7 +192,7 @@ impl Witnesses {
             let name = client.witness.name.clone();
             match answer {
                 Ok(Ok(())) => known += 1,
-                Ok(Err(why @ (NotCosigned::Behind { .. } | NotCosigned::Status(409 | 422, _)))) => {
+                Ok(Err(why)) if why.contradicts() => {
                     return Err(CosigningError::OtherHistory { name, why })
                 }
                 Ok(Err(_)) => {}

@@ -56,6 +56,11 @@ pub enum NotCosigned {
 }
 
 impl NotCosigned {
+    /// Whether the witness has cosigned more entries than the log has, or others.
+    pub fn contradicts(&self) -> bool {
+        matches!(self, Self::Behind { .. } | Self::Status(409 | 422, _))
+    }
+
     fn told(&self) -> Duration {
         match self {
             Self::Busy { after, .. } => (*after).min(MOST_TOLD),
@@ -86,6 +91,8 @@ pub struct WitnessOutage {
     pub attempts: u32,
     /// Its last answer, or why there was none.
     pub why: String,
+    /// Whether it has cosigned more entries than the log has, or others.
+    pub contradicts: bool,
     /// When it is asked next.
     pub next: Instant,
 }
@@ -386,6 +393,7 @@ impl WitnessRecord {
             since,
             attempts: attempts.saturating_add(1),
             why: text,
+            contradicts: why.contradicts(),
             next: now + wait,
         });
     }

@@ -10,7 +10,7 @@ use crate::keys;
 use crate::metrics::{serve_metrics, MetricsOptions};
 use crate::otlp::OtlpOptions;
 use crate::serve::{interrupted, listening, listening_if, online_until, ENDING};
-use anyhow::{bail, Context, Result};
+use anyhow::{anyhow, bail, Context, Result};
 use std::future;
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -26,6 +26,7 @@ use zk0_aggregator::publish::chosen_witnesses::chosen_witnesses;
 use zk0_aggregator::publish::cosigning::{ConsistencyProver, Witnesses};
 use zk0_aggregator::publish::http;
 use zk0_aggregator::publish::log_server::LogServer;
+use zk0_aggregator::publish::witness_client::WitnessState;
 use zk0_aggregator::round::request_error::RequestError;
 use zk0_aggregator::serve::service::ServeError;
 use zk0_aggregator::{Aggregator, Config, Service, SystemClock};
@@ -64,6 +65,10 @@ pub struct AggregatorServeOptions {
     /// Wait this many seconds for a witness to answer.
     #[arg(long, value_name = "SECONDS", default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=3600))]
     witness_seconds: u64,
+    /// Start although no witness answers, so that a vote can name others. Use this only if you know that the log signed nothing after this
+    /// folder was last used. A --blob-store that has all entries shows that, too.
+    #[arg(long)]
+    no_newer_checkpoint_exists: bool,
     /// Fetch drand's beacons from the server at this address, if the rules name a beacon. Repeat the option for more servers; the next one
     /// is asked where one fails [default: the public servers of drand's "quicknet"]
     #[arg(long = "beacon", value_name = "URL")]
@@ -114,6 +119,8 @@ const LAST_FILES: Duration = Duration::from_secs(10);
 /// How often it is looked at the start whether a witness is to be asked again, if none answers.
 const WITNESSES_APART: Duration = Duration::from_millis(250);
 
+const OTHER_HISTORY: &str = "the ledger does not go on from what a witness has cosigned";
+
 /// Names of background tasks.
 const METRICS: &str = "the server of the metrics";
 const LOG_STORE: &str = "the writing of the log to its store";
@@ -157,6 +164,7 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
         let metrics_listener = listening_if(options.metrics.metrics)?;
         let network = *aggregator.state().network();
         let checkpoint = aggregator.ledger().checkpoint().to_vec();
+        let is_newest = options.no_newer_checkpoint_exists || aggregator.ledger().is_confirmed();
         let reader = aggregator.ledger().reader().clone();
         let prove: ConsistencyProver = Arc::new(move |old, new| {
             let proof = reader.consistency_between(old, new);
@@ -183,6 +191,7 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
             service = service.encrypted(certificate.clone());
         }
         keep_current(certificate.as_ref(), "aggregator", address);
+        let mut unconfirmed = None;
         if policy.wants_witnesses() {
             let patience = Duration::from_secs(options.witness_seconds);
             let authorities =
@@ -193,8 +202,9 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
             if !is_new {
                 tokio::select! {
                     () = &mut stop => return Ok(()),
-                    checked = not_behind(&witnesses, checkpoint, prove) => checked?,
+                    checked = not_behind(&witnesses, checkpoint, prove, is_newest) => checked?,
                 }
+                unconfirmed = Some(witnesses.clone());
             }
             service = service.witnessed(witnesses).await?;
         }
@@ -222,7 +232,10 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
             let publishing = uploads.follow(service.clone());
             tokio::spawn(troubles.clone().supervised(UPLOADS, publishing))
         });
-        let served = service.serve(listener, stop).await;
+        let served = tokio::select! {
+            served = service.serve(listener, stop) => served,
+            error = contradiction(unconfirmed) => return Err(error),
+        };
         drop((ended, log_ended));
         let last_files = async {
             if let Some(folders) = folders {
@@ -260,7 +273,8 @@ fn with_exit_code(error: RequestError) -> anyhow::Error {
     }
 }
 
-/// Waits until a witness confirms that the log continues what it has cosigned, before anything is signed.
+/// Waits until a witness confirms that the log continues what it has cosigned, before anything is signed. If something else shows that the
+/// ledger is the newest one, it asks once.
 ///
 /// # Errors
 /// A witness has cosigned more entries, or others.
@@ -268,12 +282,19 @@ async fn not_behind(
     witnesses: &Arc<Witnesses>,
     checkpoint: Vec<u8>,
     prove: ConsistencyProver,
+    is_newest: bool,
 ) -> Result<()> {
     let mut told = false;
     loop {
         let (witnesses, checkpoint) = (witnesses.clone(), checkpoint.clone());
         let prove = prove.clone();
         match spawn_blocking(move || witnesses.continues(&checkpoint, &prove)).await? {
+            Ok(0) if is_newest => {
+                tracing::warn!(
+                    "no witness answers: votes count, and nothing is published before enough witnesses cosign"
+                );
+                return Ok(());
+            }
             Ok(0) if told => {}
             Ok(0) => {
                 tracing::warn!(
@@ -282,11 +303,30 @@ async fn not_behind(
                 told = true;
             }
             Ok(_) => return Ok(()),
-            Err(error) => {
-                return Err(error).context(OtherHistory::of(
-                    "the ledger does not go on from what a witness has cosigned",
-                ))
-            }
+            Err(error) => return Err(error).context(OtherHistory::of(OTHER_HISTORY)),
+        }
+        sleep(WITNESSES_APART).await;
+    }
+}
+
+/// Ready when a witness that has not answered at the start contradicts. The first one that cosigns confirms the ledger.
+async fn contradiction(unconfirmed: Option<Arc<Witnesses>>) -> anyhow::Error {
+    let Some(witnesses) = unconfirmed else {
+        return future::pending().await;
+    };
+    loop {
+        let states = witnesses.states();
+        let contradicts = |state: &&WitnessState| {
+            let outage = state.outage.as_ref();
+            outage.is_some_and(|outage| outage.contradicts)
+        };
+        if let Some(WitnessState { name, outage, .. }) = states.iter().find(contradicts) {
+            let why = outage.as_ref().map_or("", |outage| outage.why.as_str());
+            let error = anyhow!("witness {name} {why}");
+            return error.context(OtherHistory::of(OTHER_HISTORY));
+        }
+        if states.iter().any(|state| state.outage.is_none()) {
+            return future::pending().await;
         }
         sleep(WITNESSES_APART).await;
     }

@@ -1,6 +1,7 @@
 //! `zk0 ledger`: publish, mirror, back up, prune and check a ledger as files.
 
 mod kept_blobs;
+mod now;
 #[cfg(feature = "full")]
 mod prune;
 #[cfg(feature = "full")]
@@ -14,6 +15,7 @@ use crate::blob_store::BlobStoreOptions;
 use crate::output::println;
 use anyhow::{bail, Result};
 use kept_blobs::KeptBlobsOptions;
+use now::now_ms;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use zk0_audit::fsck::{fsck, is_export};
@@ -22,12 +24,13 @@ use zk0_audit::log_source::{genesis_at, source};
 use zk0_circuits::Digest;
 use zk0_ledger::backup::{self, OldBlobs};
 use zk0_ledger::blobs::damaged::{DamagedBlob, Removed};
+use zk0_ledger::folder::{self, LastBackup};
 use zk0_ledger::published::export::export;
 use zk0_ledger::published::mirror::{mirror, Mirrored};
 use zk0_ledger::published::publication::{Publication, PublicationError};
 use zk0_ledger::replay::missing_files::missing_files;
 use zk0_ledger::replay::Severity;
-use zk0_ledger::{folder, Blobs, LedgerError};
+use zk0_ledger::{Blobs, LedgerError};
 use zk0_protocol::counted::counted;
 
 /// All is done, but files are missing that the open round needs to close.
@@ -60,7 +63,7 @@ pub enum LedgerCommand {
     Import(Import),
     /// Make a backup of a ledger's folder. An earlier backup is brought up to date. A backup is a ledger's folder, too. It contains the
     /// private files of the open round, but no keys. What is copied is checked on the way. If a blob of the ledger is damaged, everything
-    /// else is copied, and the exit code is 1.
+    /// else is copied, and the exit code is 1. Otherwise the ledger's folder records when the backup was made, for `zk0 status`.
     Backup {
         /// The ledger's folder. Its aggregator may be running.
         dir: PathBuf,
@@ -196,6 +199,13 @@ pub fn run(command: &LedgerCommand) -> Result<ExitCode> {
             }
             println!("backed up to {}", out.display());
             name_damaged(&done.damaged)?;
+            let last = LastBackup {
+                time_ms: now_ms()?,
+                entries: done.entries,
+            };
+            if let Err(error) = folder::write_backed_up(dir, last) {
+                tracing::warn!("the backup is made, but `zk0 status` does not show it: {error}");
+            }
         }
         LedgerCommand::Restore(options) => {
             restore(options)?;

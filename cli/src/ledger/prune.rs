@@ -2,10 +2,10 @@
 
 use crate::blob_store::BlobStoreOptions;
 use crate::keys;
+use crate::ledger::now::now_ms;
 use crate::output::println;
-use anyhow::{bail, Context, Result};
+use anyhow::{bail, Result};
 use std::path::PathBuf;
-use std::time::{SystemTime, UNIX_EPOCH};
 use zk0_ledger::prune::{Doomed, Longer, PrunePlan, Reason, Retention, MOST_UNNAMED};
 use zk0_ledger::Ledger;
 use zk0_protocol::counted::counted;
@@ -70,11 +70,7 @@ pub fn prune(options: &Prune) -> Result<()> {
         without_weights: options.weights_too,
         checkpoint_interval: options.checkpoint_interval,
     };
-    let now = SystemTime::now().duration_since(UNIX_EPOCH);
-    let now_ms = u64::try_from(
-        now.context("the clock shows a time before 1970")?
-            .as_millis(),
-    )?;
+    let now_ms = now_ms()?;
     let Some(key) = options.key.as_ref().filter(|_| !options.dry_run) else {
         let kept = options.store.blobs_beside_writer(&options.dir)?;
         tell(&PrunePlan::look(&options.dir, &kept, &keep, now_ms)?);

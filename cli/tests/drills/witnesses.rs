@@ -3,8 +3,11 @@
 use super::{Operated, SHORT_VOTE};
 use crate::harness::drill::Drill;
 use crate::harness::serving::Serving;
-use crate::harness::{prints, text};
+use crate::harness::{as_in_the_runbook, copy, prints, text};
 use serde_json::Value;
+use std::fs;
+use std::path::Path;
+use std::time::Duration;
 use tempfile::TempDir;
 use zk0_testkit::own_port::OwnPort;
 use zk0_testkit::until;
@@ -121,11 +124,44 @@ fn a_policy_of_a_dead_witness_is_voted_away() {
     let mut drill = Drill::begin("the policy has a dead witness");
     drill.shortened = Some(SHORT_VOTE);
     witnesses.off(0);
+    // The aggregator is started again, too, before anybody votes.
+    drop(aggregator);
+    let start = [&SOON[..], &["--no-newer-checkpoint-exists"]].concat();
+    let aggregator = network.serves(&start);
     let policy = witnesses.policy(&[1], 1);
     let _aggregator = is_replaced(&network, &mut drill, policy, aggregator);
     is_published(&network);
     network.enrols("bob");
     drill.passed();
+}
+
+/// The operator is wrong about the folder. The witness shows that when it is back, and nothing was published before.
+#[test]
+fn an_aggregator_on_an_older_copy_ends_when_its_witness_is_back() {
+    let mut witnesses = Witnesses::made(1);
+    let network = found(&mut witnesses, &[0], 1);
+    let runs = |enrolled: &[&str]| {
+        let mut aggregator = network.serves(&SOON);
+        enrolled.iter().for_each(|name| network.enrols(name));
+        is_published(&network);
+        assert!(aggregator.terminate().success());
+    };
+    runs(&[]);
+    let [ledger, older] = ["ledger", "older"].map(|name| network.path(name));
+    copy(Path::new(&ledger), Path::new(&older));
+    runs(&["bob"]);
+    fs::remove_dir_all(&ledger).unwrap();
+    fs::rename(&older, &ledger).unwrap();
+    witnesses.off(0);
+    let start = [&SOON[..], &["--no-newer-checkpoint-exists"]].concat();
+    let mut aggregator = network.serves(&start);
+    witnesses.on(0, &network);
+    let ended = aggregator.ended_within(Duration::from_secs(120));
+    assert_eq!(ended.and_then(|ended| ended.code()), Some(2));
+    as_in_the_runbook(
+        &aggregator.log(),
+        "the ledger does not go on from what a witness has cosigned",
+    );
 }
 
 #[test]

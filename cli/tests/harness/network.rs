@@ -181,16 +181,23 @@ impl LocalNetwork {
     /// Runs `zk0 node join`, with an aggregator and a prover that end afterwards.
     #[track_caller]
     pub fn join(&self, rounds: u64, more: &[&str]) -> Output {
+        self.served(|aggregator, prover, network| {
+            let joining = self.joining([aggregator, prover, network], rounds, more);
+            zk0(&words(&joining)).output().unwrap()
+        })
+    }
+
+    /// The command that takes part in `rounds` rounds of this aggregator, by this prover, in this network.
+    pub fn joining(&self, of: [&str; 3], rounds: u64, more: &[&str]) -> Vec<String> {
+        let [aggregator, prover, network] = of;
         let rounds = rounds.to_string();
         let (key, state) = (self.path("node.key"), self.path("state"));
-        self.served(|aggregator, prover, network| {
-            let mut arguments = vec!["node", "join"];
-            arguments.extend(["--aggregator", aggregator, "--prover", prover]);
-            arguments.extend(["--network", network, "--key", &key, "--dataset", RECORDING]);
-            arguments.extend(["--state", &state, "--rounds", &rounds]);
-            arguments.extend(more);
-            zk0(&arguments).output().unwrap()
-        })
+        let mut arguments = vec!["node", "join"];
+        arguments.extend(["--aggregator", aggregator, "--prover", prover]);
+        arguments.extend(["--network", network, "--key", &key, "--dataset", RECORDING]);
+        arguments.extend(["--state", &state, "--rounds", &rounds]);
+        arguments.extend(more);
+        arguments.into_iter().map(str::to_owned).collect()
     }
 
     /// A prover that serves until it is dropped.

@@ -3,6 +3,7 @@
 mod devices;
 mod diverged;
 mod eval_samples;
+mod folder_version;
 mod founding;
 mod keys;
 mod leaving;

@@ -288,9 +288,39 @@ fn the_status_shows_rounds_nodes_the_ledger_and_the_disk() {
         "1 enrolled, 0 ready; a round needs 2",
         "0 of 3 are over",
         "% free",
+        "program      ",
     ] {
         assert!(text.contains(reported), "{reported:?} is not in {text}");
     }
+    assert!(!text.contains("which this release lacks"), "{text}");
+}
+
+#[test]
+fn the_age_of_the_last_backup_is_shown() {
+    let observed = Observed::serve(&[]);
+    let of = observed.of_network();
+    assert_eq!(observed.shown.metric("zk0_backup_age_seconds"), -1.0);
+    let none = prints(&observed.asking(&["status"], &of));
+    assert!(none.contains("backup       none yet"), "{none}");
+
+    let [ledger, out] = ["ledger", "saved"].map(|name| observed.network.path(name));
+    prints(&["ledger", "backup", &ledger, &out]);
+    assert!(observed.shown.metric("zk0_backup_age_seconds") >= 0.0);
+    assert_eq!(observed.shown.metric("zk0_backup_lag_entries"), 0.0);
+    let status = json(&observed.asking(&["status", "--json"], &of));
+    assert_eq!(status["backup_entries"], status["entries"], "{status}");
+
+    let [key, new] = ["log.key", "new.key"].map(|name| observed.network.path(name));
+    let identity = prints(&["node", "keygen", &new]);
+    let node = format!("new={}", identity.trim());
+    let enrol = ["aggregator", "enrol", "--key", &key, "--node", &node];
+    prints(&observed.asking(&enrol, &of));
+    assert_eq!(observed.shown.metric("zk0_backup_lag_entries"), 1.0);
+    let lacks = prints(&observed.asking(&["status"], &of));
+    assert!(
+        lacks.contains("old; the ledger has 1 entry that it lacks"),
+        "{lacks}"
+    );
 }
 
 #[test]

@@ -74,6 +74,9 @@ impl AskedService {
     }
 }
 
+/// The kind of trouble of a node that lacks the network's guest program.
+const PROGRAM: &str = "program";
+
 /// The metrics of a node. Clones count together.
 #[derive(Clone)]
 pub struct NodeMetrics {
@@ -89,8 +92,8 @@ pub struct NodeMetrics {
 impl Default for NodeMetrics {
     fn default() -> Self {
         let mut registry = MetricRegistry::default();
-        let troubles =
-            ServiceTroubles::registered(&mut registry, &AskedService::ALL.map(AskedService::name));
+        let [aggregator, prover] = AskedService::ALL.map(AskedService::name);
+        let troubles = ServiceTroubles::registered(&mut registry, &[aggregator, prover, PROGRAM]);
         let (phase, rounds) = (Labelled::default(), Labelled::default());
         let (refusals, repeated) = (Labelled::default(), Labelled::default());
         let (round, accepted) = (Gauge::default(), Gauge::default());
@@ -192,6 +195,16 @@ impl NodeMetrics {
         self.observed.troubles.clear(asked.name());
     }
 
+    /// The node waits, because it lacks the network's guest program.
+    pub(crate) fn lacks_program(&self, why: String) {
+        self.observed.troubles.raise(PROGRAM, why);
+    }
+
+    /// The node has the network's guest program.
+    pub(crate) fn has_program(&self) {
+        self.observed.troubles.clear(PROGRAM);
+    }
+
     fn ended(&self, outcome: &'static str) {
         self.rounds.get_or_create(&[("outcome", outcome)]).inc();
     }
@@ -220,6 +233,18 @@ mod tests {
             "zk0_node_refusals_total{{code=\"{number}\"}} 1\n"
         )));
         assert!(!shows("zk0_node_accepted_timestamp_seconds 0\n"));
+    }
+
+    #[test]
+    fn a_node_that_lacks_the_program_is_in_trouble_until_it_has_it() {
+        let metrics = NodeMetrics::default();
+        let shows = |line: &str| metrics.observed.registry.text().unwrap().contains(line);
+        assert!(shows("zk0_trouble{kind=\"program\"} 0\n"));
+        metrics.lacks_program("the node lacks it".into());
+        assert!(shows("zk0_trouble{kind=\"program\"} 1\n"));
+        assert_eq!(metrics.observed.troubles.sentences(), ["the node lacks it"]);
+        metrics.has_program();
+        assert!(shows("zk0_trouble{kind=\"program\"} 0\n"));
     }
 
     #[test]

@@ -3,6 +3,7 @@
 
 mod asking_again;
 mod lying;
+mod other_program;
 mod proof_in_time;
 
 use lying::Lying;

@@ -173,8 +173,12 @@ pub const REMOVALS: &[Removal] = &[
     protocol("a removal that does more is a vote as any other", VOTES, always!("other_rules == **rules"),
         "only_the_removal_of_one_governor_goes_without_its_vote"),
     // Outages.
-    protocol("a deadline moves by no more than the silence", OUTAGES, instead!("time_ms.saturating_sub(self.time_ms)", "u64::MAX"),
+    protocol("a deadline moves by no more than the silence", OUTAGES, instead!("time_ms.saturating_sub(round.silent_since_ms)", "u64::MAX"),
         "a_deadline_moves_by_no_more_than_the_silence"),
+    protocol("a vote does not end the silence", OUTAGES, never!("matches!(entry.body, Body::Proposed(_) | Body::Voted(_))"),
+        "a_vote_in_an_outage_shortens_no_move"),
+    protocol("a node's entry ends the silence", OUTAGES, skipped!("round.silent_since_ms = entry.time_ms;"),
+        "a_vote_in_an_outage_shortens_no_move"),
     protocol("all outages of a round have a bound", OUTAGES, instead!("MAX_ROUND_WINDOW_MS.saturating_sub(round.moved_ms)", "u64::MAX"),
         "all_outages_of_a_round_move_it_by_thirty_days_at_most"),
     protocol("a decided round does not wait", OUTAGES, never!("round.closing.is_some() && !undecided"),

@@ -1,4 +1,4 @@
-//! Checks of a node's secrets and of its count of arguments.
+//! Checks of a node: of its secrets, of its count of arguments, and of its program.
 
 use super::{node, Removal};
 
@@ -7,6 +7,10 @@ const REGISTERING: &str = "node/src/recording/registering.rs";
 
 #[rustfmt::skip]
 pub const REMOVALS: &[Removal] = &[
+    node("a node begins no round whose program it lacks", "node/src/client/carried.rs", always!("carried.contains(&open.program)"),
+        "a_node_waits_while_it_lacks_the_program_in_force"),
+    node("a node that lacks the program does not start", "node/src/client/carried.rs", always!("carried.contains(&needed)"),
+        "a_node_waits_while_it_lacks_the_program_in_force"),
     node("an argument is counted before it is made", "node/src/turn/prepared_claim.rs",
         skipped!("count(&state, &secret, &leaves, most_uses(&input.header().spec))?;"), "an_argument_is_counted_before_it_is_made"),
     node("a count is on disk", SECRET,

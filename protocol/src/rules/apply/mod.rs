@@ -189,6 +189,7 @@ impl State {
         }
         self.entries = index.saturating_add(1);
         self.time_ms = now;
+        self.end_silence(entry);
     }
 
     fn check_network(&self, network: &Digest) -> Result<(), Refusal> {

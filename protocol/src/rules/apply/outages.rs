@@ -1,10 +1,11 @@
 //! An outage of the aggregator or of its witnesses moves the open round's deadlines. It costs time, and no node its standing.
 //!
-//! The ledger shows an outage as a silence: the deadline of the present phase moves by no more than the time since the last entry. So an
-//! aggregator that claims an outage takes nobody's statements meanwhile. Only an outage after the draw excuses a node that does not answer:
-//! otherwise it could choose among challenges.
+//! The ledger shows an outage as a silence: the deadline of the present phase moves by no more than the time since the last entry that is
+//! no proposal and no vote. So an aggregator that claims an outage takes no node's work meanwhile. Governors may vote, because other
+//! witnesses may be what ends the outage. Only an outage after the draw excuses a node that does not answer: otherwise it could choose among
+//! challenges.
 
-use crate::entries::entry::DeadlinesMoved;
+use crate::entries::entry::{Body, DeadlinesMoved, Entry};
 use crate::rules::state::{Round, State};
 use crate::rules::upper_bounds::MAX_ROUND_WINDOW_MS;
 use crate::rules::violation::RuleViolation;
@@ -16,7 +17,7 @@ impl State {
     /// The entry that moves the open round's deadlines at `time_ms` after an outage of `away_ms`; `None` if it may not, or need not.
     pub fn next_move(&self, time_ms: u64, away_ms: u64) -> Option<DeadlinesMoved> {
         let round = self.round.as_ref()?;
-        let by_ms = self.longest_move_ms(round, time_ms).min(away_ms);
+        let by_ms = Self::longest_move_ms(round, time_ms).min(away_ms);
         let moved = DeadlinesMoved {
             round: round.number(),
             by_ms,
@@ -25,8 +26,8 @@ impl State {
         Some(moved)
     }
 
-    fn longest_move_ms(&self, round: &Round, time_ms: u64) -> u64 {
-        let silent_ms = time_ms.saturating_sub(self.time_ms);
+    fn longest_move_ms(round: &Round, time_ms: u64) -> u64 {
+        let silent_ms = time_ms.saturating_sub(round.silent_since_ms);
         silent_ms.min(MAX_ROUND_WINDOW_MS.saturating_sub(round.moved_ms))
     }
 
@@ -52,7 +53,7 @@ impl State {
         if round.closing.is_some() && !undecided {
             return Err(RuleViolation::NoDeadline(moved.round));
         }
-        let most_ms = self.longest_move_ms(round, time_ms);
+        let most_ms = Self::longest_move_ms(round, time_ms);
         if moved.by_ms == 0 || moved.by_ms > most_ms {
             return Err(RuleViolation::MovedTooFar {
                 round: moved.round,
@@ -61,11 +62,19 @@ impl State {
             });
         }
         let deadline_ms = self.deadline_ms(round);
-        let passed = self.time_ms <= deadline_ms && deadline_ms < time_ms;
+        let passed = round.silent_since_ms <= deadline_ms && deadline_ms < time_ms;
         if moved.by_ms < LEAST_AWAY_MS && !passed {
             return Err(RuleViolation::ShortOutage(moved.round));
         }
         Ok(())
+    }
+
+    /// Any entry but a proposal or a vote ends the open round's silence.
+    pub(super) fn end_silence(&mut self, entry: &Entry) {
+        let votes = matches!(entry.body, Body::Proposed(_) | Body::Voted(_));
+        if let Some(round) = self.round.as_mut().filter(|_| !votes) {
+            round.silent_since_ms = entry.time_ms;
+        }
     }
 
     /// Moves the deadline of the present phase. Closed commitments stay closed.

@@ -292,6 +292,7 @@ impl State {
             lost: BTreeMap::new(),
             moved_ms: 0,
             commitments_moved: false,
+            silent_since_ms: now,
         });
     }
 

@@ -1,9 +1,11 @@
 //! An outage moves the open round's deadlines by at most the silence that the ledger shows, and costs no node its standing.
 
 use zk0_protocol::entries::entry::DeadlinesMoved;
+use zk0_protocol::entries::proposal::{Action, Ballot};
 use zk0_protocol::rules::state::Node;
 use zk0_protocol::rules::upper_bounds::MAX_ROUND_WINDOW_MS;
 use zk0_protocol::{Body, RefusalCode, RuleViolation, State};
+use zk0_testkit::network::votes::{proposed, voted};
 use zk0_testkit::network::*;
 
 const HOUR: u64 = 3_600_000;
@@ -60,6 +62,33 @@ fn a_deadline_moves_by_no_more_than_the_silence() {
         chain.refusal(moved(&chain.state, HOUR)),
         RuleViolation::MovedTooFar { .. }
     ));
+}
+
+/// A vote may be recorded while the witnesses are away, because it may name others.
+#[test]
+fn a_vote_in_an_outage_shortens_no_move() {
+    let mut chain = Chain::in_round(2);
+    let (before, begun) = (commit_deadline_ms(&chain), chain.time_ms);
+    chain.time_ms += HOUR;
+    chain.apply(proposed(&chain.state, 0, Action::Suspend(id(1))));
+    chain.apply(voted(&chain.state, 0, 0, Ballot::For));
+    chain.time_ms += HOUR;
+    let away_ms = chain.time_ms - begun;
+    chain.apply(moved(&chain.state, away_ms));
+    assert_eq!(commit_deadline_ms(&chain), before + away_ms);
+    // A node's entry ends the silence.
+    chain.apply(committed(&chain.state, 0, weights(0x10)));
+    chain.time_ms += HOUR;
+    let refused = chain.refusal(moved(&chain.state, 2 * HOUR));
+    assert!(matches!(refused, RuleViolation::MovedTooFar { .. }));
+    // A deadline that has passed moves, although a vote came after it.
+    let mut chain = Chain::in_round(2);
+    let before = commit_deadline_ms(&chain);
+    chain.time_ms = before + 1;
+    chain.apply(proposed(&chain.state, 0, Action::Suspend(id(1))));
+    chain.time_ms += 1;
+    chain.apply(moved(&chain.state, 2));
+    assert_eq!(commit_deadline_ms(&chain), before + 2);
 }
 
 #[test]
