@@ -68,7 +68,10 @@ async fn an_update_in_the_bucket_is_taken_and_committed_to() {
     let metrics = network.service().metrics().text().unwrap();
     let counted = r#"zk0_uploads_total{from="store"} 1"#;
     assert!(metrics.contains(counted), "{metrics}");
-    assert!(!metrics.contains(r#"{from="message"}"#), "{metrics}");
+    assert!(
+        !metrics.contains(r#"zk0_uploads_total{from="message"}"#),
+        "{metrics}"
+    );
 }
 
 #[tokio::test(flavor = "multi_thread")]

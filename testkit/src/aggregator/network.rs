@@ -387,7 +387,7 @@ impl Network {
         files(&self.dir.path().join("uploads"))
     }
 
-    /// A metric by name and labels.
+    /// A metric by name and labels, of those that count events. `metrics_text` of the service also looks up the others.
     pub fn metric(&self, name: &str) -> u64 {
         let text = self.service().metrics().text().unwrap();
         let mut lines = text.lines();
