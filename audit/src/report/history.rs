@@ -300,8 +300,7 @@ impl History {
         });
     }
 
-    /// Changes a node's identity. Its past counts.
-    /// Notes a node's present key. A governor's change of the key that its node has had does not move the node.
+    /// Notes a node's present key. Its past counts. A governor's change of a key that its node no longer has moves no node.
     fn replace_key(&mut self, node: &NodeId, with: NodeId) {
         let place = self.places.get(node).copied();
         if let Some(place) = place.filter(|place| self.nodes[*place].id == node.to_string()) {

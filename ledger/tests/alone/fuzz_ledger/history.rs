@@ -169,6 +169,8 @@ fn sign_anew(body: &mut Body) {
         Body::Proposed(signed) => anew(signed),
         Body::Voted(signed) => anew(signed),
         Body::Disputed(signed) => anew(signed),
+        Body::NodeLeft(signed) => anew(signed),
+        Body::OperatorDecided(signed) => anew(signed),
         _ => {}
     }
 }
