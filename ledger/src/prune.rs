@@ -29,7 +29,6 @@ use zk0_protocol::pruning::Pruning;
 use zk0_protocol::rules::named_blobs::named_blobs;
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_protocol::rules::state::State;
-use zk0_protocol::Signed;
 
 pub use needed::Reason;
 
@@ -94,7 +93,8 @@ pub struct PrunePlan {
 pub struct SignedPlan {
     dir: PathBuf,
     blobs: Blobs,
-    statement: Option<Signed<Pruning>>,
+    /// As its file has it.
+    statement: Option<Vec<u8>>,
     doomed: Vec<Doomed>,
     _opened: LedgerReader,
 }
@@ -211,7 +211,10 @@ impl PrunePlan {
         SignedPlan {
             dir: ledger.dir().into(),
             blobs: ledger.blobs().clone(),
-            statement: self.statement.map(|statement| ledger.sign(statement)),
+            statement: self.statement.map(|statement| {
+                let rotation = ledger.state().log_keys().rotation();
+                pruned::encode(&ledger.sign(statement), rotation)
+            }),
             doomed: self.doomed,
             _opened: ledger.reader().clone(),
         }
@@ -324,7 +327,7 @@ impl PrunableLedger {
         };
         let new = Pruning {
             network: *self.state.network(),
-            operator: NodeId(self.state.genesis().log_key),
+            operator: NodeId(*self.state.log_keys().present()),
             entries: closing + 1,
             updates_before: first_kept,
             proofs_before: if keep.without_proofs { first_kept } else { 0 },

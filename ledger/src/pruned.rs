@@ -1,11 +1,27 @@
 //! The file `pruned` in a ledger's folder: the operator's statement about blobs that are no longer kept ([`Pruning`]), signed with the
-//! log's key.
+//! log's key. If that is not the founding key, the operator's statement about the key follows.
 
 use crate::error::LedgerError;
 use crate::folder;
+use borsh::BorshDeserialize;
 use std::path::Path;
 use zk0_protocol::pruning::Pruning;
+use zk0_protocol::tlog::key_rotation::LogKeyRotation;
 use zk0_protocol::{Genesis, Signed};
+
+/// A verified statement, and the bytes of its file.
+#[derive(Clone, Debug)]
+pub(crate) struct SignedPruning {
+    pub statement: Pruning,
+    bytes: Vec<u8>,
+}
+
+impl SignedPruning {
+    /// The bytes of its file.
+    pub fn into_bytes(self) -> Vec<u8> {
+        self.bytes
+    }
+}
 
 /// The operator's statement in `dir` for the log of `genesis`; `None` if nothing was pruned.
 ///
@@ -34,7 +50,7 @@ pub(crate) fn read_within(
 pub(crate) fn read_signed(
     dir: &Path,
     genesis: &Genesis,
-) -> Result<Option<Signed<Pruning>>, LedgerError> {
+) -> Result<Option<SignedPruning>, LedgerError> {
     let bytes = folder::read_pruned(dir)?;
     let from = folder::pruned(dir).display().to_string();
     bytes
@@ -47,15 +63,21 @@ pub(crate) fn decode(
     from: &str,
     bytes: &[u8],
     genesis: &Genesis,
-) -> Result<Signed<Pruning>, LedgerError> {
+) -> Result<SignedPruning, LedgerError> {
     let bad = |why: String| LedgerError::BadPruning {
         from: from.into(),
         why,
     };
-    let signed: Signed<Pruning> =
-        borsh::from_slice(bytes).map_err(|error| bad(error.to_string()))?;
+    let mut rest = bytes;
+    let signed = Signed::<Pruning>::deserialize(&mut rest);
+    let signed = signed.map_err(|error| bad(error.to_string()))?;
     let statement = signed.verify().map_err(|error| bad(error.to_string()))?;
-    if statement.operator.0 != genesis.log_key {
+    let key = if rest.is_empty() {
+        genesis.log_key
+    } else {
+        given_key(rest, genesis).map_err(bad)?
+    };
+    if statement.operator.0 != key {
         return Err(bad(format!(
             "{} has signed it, and not the log's key",
             statement.operator
@@ -64,28 +86,51 @@ pub(crate) fn decode(
     if statement.network != genesis.network_id() {
         return Err(bad(format!("it is about network {}", statement.network)));
     }
-    Ok(signed)
+    Ok(SignedPruning {
+        statement: *statement,
+        bytes: bytes.into(),
+    })
 }
 
-pub(crate) fn encode(signed: &Signed<Pruning>) -> Vec<u8> {
-    borsh::to_vec(signed).expect("writing to a Vec cannot fail")
+/// The key that the operator gave the log, by its statement.
+fn given_key(rotation: &[u8], genesis: &Genesis) -> Result<[u8; 32], String> {
+    let signed: Signed<LogKeyRotation> =
+        borsh::from_slice(rotation).map_err(|error| error.to_string())?;
+    let rotation = signed.verify().map_err(|error| error.to_string())?;
+    if rotation.operator.0 == genesis.log_key && rotation.network == genesis.network_id() {
+        Ok(rotation.with.0)
+    } else {
+        Err("the network's operator has not signed the statement about its key".into())
+    }
 }
 
-/// Writes the statement, durably.
-pub(crate) fn write(dir: &Path, signed: &Signed<Pruning>) -> Result<(), LedgerError> {
-    folder::write_pruned(dir, &encode(signed))
+/// The bytes of a statement's file. `rotation` has given the log its key.
+pub(crate) fn encode(
+    signed: &Signed<Pruning>,
+    rotation: Option<&Signed<LogKeyRotation>>,
+) -> Vec<u8> {
+    let mut bytes = borsh::to_vec(signed).expect("writing to a Vec cannot fail");
+    if let Some(rotation) = rotation {
+        bytes.extend(borsh::to_vec(rotation).expect("writing to a Vec cannot fail"));
+    }
+    bytes
+}
+
+/// Writes the bytes of a statement's file, durably.
+pub(crate) fn write(dir: &Path, bytes: &[u8]) -> Result<(), LedgerError> {
+    folder::write_pruned(dir, bytes)
 }
 
 /// Writes another copy's statement, unless this copy has a later one.
 pub(crate) fn keep_newer(
     dir: &Path,
     genesis: &Genesis,
-    signed: &Signed<Pruning>,
+    signed: &SignedPruning,
 ) -> Result<(), LedgerError> {
     let (offered, held) = (&signed.statement, read(dir, genesis)?);
     // Each statement of an operator includes the earlier ones.
     match held {
         Some(held) if offered.and(&held) != *offered => Ok(()),
-        _ => write(dir, signed),
+        _ => write(dir, &signed.bytes),
     }
 }

@@ -15,7 +15,7 @@ use zk0_files::bounded_file;
 use zk0_protocol::entries::entry::ENTRY_VERSION;
 use zk0_protocol::rules::state::State;
 
-const FORMAT: &[u8] = b"zk0 audit state v5\n";
+const FORMAT: &[u8] = b"zk0 audit state v6\n";
 
 /// The largest file, in bytes.
 const MAX_BYTES: u64 = 1 << 32;

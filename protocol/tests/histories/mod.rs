@@ -174,6 +174,7 @@ fn happened(body: &Body, before: &State, after: &State) -> Vec<&'static str> {
             true => vec!["suspended by the operator"],
             false => vec!["reinstated by the operator"],
         },
+        Body::LogKeyRotated { .. } => vec!["another key of the log"],
         Body::DeadlinesMoved(_) => vec!["deadlines moved"],
         Body::MomentsComputed(_) => vec!["moments"],
         Body::FilesLost(_) => vec!["files lost"],
@@ -319,7 +320,7 @@ proptest! {
     #[test]
     fn decoding_any_bytes_is_an_entry_or_an_error(
         bytes in prop::collection::vec(any::<u8>(), 0..600),
-        body in 0..21u8,
+        body in 0..25u8,
     ) {
         let mut entry = ENTRY_VERSION.to_le_bytes().to_vec();
         entry.extend([0; 8]);
