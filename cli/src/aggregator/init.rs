@@ -169,6 +169,12 @@ pub fn found(options: &Init) -> Result<()> {
              add --recordings-like with a recording as all of them should be"
         );
     }
+    if operator.is_none() {
+        tracing::warn!(
+            "the log's key is the operator's, too, and lies beside the aggregator: a thief of it has the network. Add --operator-key with a file to \
+             keep elsewhere, or give the log another key later (`zk0 aggregator rotate-log-key`)"
+        );
+    }
     let founding = Founding {
         name: options.name.clone(),
         nonce: keys::random()?,

@@ -283,7 +283,7 @@ impl Aggregator {
 
     fn check_enrolment(&self, sent: &SentStatement) -> Result<(), RequestError> {
         let (ours, state) = (*self.state().network(), self.state());
-        // The operator may leave enrolments to whoever has the log's key.
+        // The operator leaves enrolments to the log's key, if that is another one.
         let operators = [&state.genesis().log_key, state.log_keys().present()];
         match sent.enrols_in {
             Some(claimed) if claimed != ours => {
