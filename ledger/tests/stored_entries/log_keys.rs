@@ -164,6 +164,7 @@ fn entries_from_the_store_have_the_key_of_their_place() {
     founded(&grown.other());
     let refused = grown.memory.open_as(&grown.other(), later_key(1)).map(drop);
     let refused = refused.unwrap_err();
+    assert!(refused.is_of_stored_entries(), "{refused}");
     assert!(
         refused.to_string().contains("the log's key there is"),
         "{refused}"
