@@ -8,6 +8,7 @@ use zk0_protocol::entries::signed::{Dispute, Evidence, Signed};
 use zk0_protocol::rpc::federation::status_info::Phase;
 use zk0_protocol::Body;
 use zk0_testkit::network::beacon::Beacon;
+use zk0_testkit::network::log_keys::*;
 use zk0_testkit::network::votes::proposed;
 use zk0_testkit::network::*;
 
@@ -101,6 +102,20 @@ fn a_round_is_overdue_when_its_windows_are_long_over() {
         assert!(!is_overdue(&chain.state, latest));
         assert!(is_overdue(&chain.state, latest + 1));
     }
+}
+
+/// Its randomness is that of the former key, which may be lost.
+#[test]
+fn a_round_under_another_key_than_it_opened_with_ends_without_randomness() {
+    let mut chain = Chain::in_round(1);
+    chain.apply(committed(&chain.state, 0, weights(0x10)));
+    chain.close_commitments();
+    chain.apply(log_rotated_to(&chain.state, &later_key(1)));
+    let closed_ms = chain.time_ms - 1;
+    assert_eq!(now(&chain), (Phase::Drawing, Due::Later(None)));
+    let end = Due::Now(RoundStep::Close(0));
+    let late = closed_ms + RANDOMNESS_WINDOW + 1;
+    assert_eq!(at(&chain, late), (Phase::Closing, end));
 }
 
 #[test]

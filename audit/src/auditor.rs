@@ -424,6 +424,7 @@ impl Recheck for Auditor {
             | Body::KeyRotated { .. }
             | Body::NodeLeft(_)
             | Body::OperatorDecided(_)
+            | Body::LogKeyRotated { .. }
             | Body::Proposed(_)
             | Body::Voted(_)
             | Body::Disputed(_) => {}

@@ -223,6 +223,7 @@ pub fn is_wrong(error: &MirrorError) -> bool {
         ),
         MirrorError::BeingUpdated { .. } => false,
         MirrorError::Checkpoint { .. }
+        | MirrorError::FormerKey { .. }
         | MirrorError::Witnesses(_)
         | MirrorError::WrongBlob { .. } => true,
     }

@@ -88,6 +88,14 @@ fn readable_by_others(path: &Path, mode: u32) -> Option<String> {
     }
 }
 
+/// [`read`], after making the key if there is no such file.
+pub fn read_or_generate(path: &Path) -> Result<SigningKey> {
+    if !path.exists() {
+        generate(path)?;
+    }
+    read(path)
+}
+
 /// A key's public identity.
 pub fn identity(key: &SigningKey) -> NodeId {
     NodeId(key.verifying_key().to_bytes())

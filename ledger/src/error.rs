@@ -39,9 +39,15 @@ pub enum LedgerError {
         found: Digest,
         expected: Digest,
     },
-    /// The key is not the log key in the genesis.
+    /// The key is not the log's key.
     #[error("the signing key is not the log key of network {0}")]
     OtherKey(Digest),
+    /// The operator has given the log another key since.
+    #[error("the signing key was the log key of network {0}, and its operator has given the log another one: name the file of the present key. Nothing is signed")]
+    FormerKey(Digest),
+    /// The key did not found the network.
+    #[error("the operator's key did not found network {0}, so it cannot give its log another key: name the file of the key that founded it. Nothing was signed")]
+    NotOperatorsKey(Digest),
     /// The database lacks entries that the log has signed.
     #[error("the database holds {held} entries, but the log has signed a checkpoint of {signed} entries: the database was rolled back or damaged. Restore the newest copy; until then nothing is signed")]
     RolledBack { held: u64, signed: u64 },

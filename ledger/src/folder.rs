@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::{fs, io};
 use zk0_files::atomic_file::{self, sync_folder};
 use zk0_files::bounded_file;
-use zk0_protocol::pruning::PRUNING_BYTES;
+use zk0_protocol::pruning::MAX_PRUNING_BYTES;
 use zk0_protocol::tlog::checkpoint::{MAX_CHECKPOINT_BYTES, MAX_NOTE_BYTES};
 use zk0_protocol::tlog::witness_policy::{WitnessPolicy, MAX_POLICY_BYTES};
 
@@ -109,7 +109,7 @@ pub fn read_policy(dir: &Path) -> Result<WitnessPolicy, LedgerError> {
 
 /// The encoded statement about pruned blobs; `None` without a file.
 pub(crate) fn read_pruned(dir: &Path) -> Result<Option<Vec<u8>>, LedgerError> {
-    read(&pruned(dir), PRUNING_BYTES)
+    read(&pruned(dir), MAX_PRUNING_BYTES)
 }
 
 /// Replaces the statement about pruned blobs, durably.

@@ -11,6 +11,8 @@ use tlog_tiles::tlog::{record_hash, Hash};
 use zk0_circuits::Digest;
 use zk0_protocol::entries::authentic::{AuthenticBody, AuthenticEntry, DatedBody};
 use zk0_protocol::entries::entry::{needs_checkpoint, Entry};
+use zk0_protocol::entries::genesis::Genesis;
+use zk0_protocol::log_keys::LogKeys;
 use zk0_protocol::rules::state::State;
 use zk0_protocol::rules::violation::RuleViolation;
 use zk0_protocol::tlog::checkpoint::Checkpoint;
@@ -37,6 +39,9 @@ pub(crate) struct Group {
 }
 
 /// Makes a group after `tree`, of at least one entry. `state` and the allowed entries before it must allow each entry.
+///
+/// # Errors
+/// `key` is not the log's key after an entry that needs a checkpoint.
 pub(crate) fn group(
     entries: &[DatedBody],
     tree: &Frontier,
@@ -50,6 +55,7 @@ pub(crate) fn group(
         checkpoint: Vec::new(),
     };
     let mut covered = tree.size();
+    let mut keys = state.state().log_keys().clone();
     for checked in encode_all(entries) {
         let allowed = checked.and_then(|alone| state.check(&alone.2).map(|()| alone));
         let (bytes, leaf, entry) = match allowed {
@@ -62,28 +68,50 @@ pub(crate) fn group(
         let index = group.tree.size();
         let hashes = group.tree.push_leaf(leaf)?;
         group.batch.entry(index, &bytes, &hashes);
+        keys.observe(&entry.body);
         let mut root = UNUSED_ROOT;
         if needs_checkpoint(&entry.body) {
-            root = group.sign(state.genesis_origin(), key)?;
+            root = group.sign(state.state().genesis(), &keys, key)?;
             covered = group.tree.size();
         }
         state.enact(&root, &entry);
         group.outcomes.push(Ok(root));
     }
     if covered < group.tree.size() {
-        group.sign(state.genesis_origin(), key)?;
+        group.sign(state.state().genesis(), &keys, key)?;
     }
     Ok(group)
 }
 
 impl Group {
-    fn sign(&mut self, origin: &str, key: &SigningKey) -> Result<Digest, LedgerError> {
+    fn sign(
+        &mut self,
+        genesis: &Genesis,
+        keys: &LogKeys,
+        key: &SigningKey,
+    ) -> Result<Digest, LedgerError> {
+        check_key(genesis, keys, &key.verifying_key().to_bytes())?;
         let (size, root) = (self.tree.size(), self.tree.root()?);
         self.checkpoint = Checkpoint { size, root }
-            .sign(origin, key)
+            .sign_after(genesis.origin(), key, keys.rotation())
             .map_err(|error| LedgerError::Checkpoint { size, error })?;
         self.batch.checkpoint(size, &self.checkpoint);
         Ok(root)
+    }
+}
+
+/// Refuses a key that is not the log's present one.
+pub(crate) fn check_key(
+    genesis: &Genesis,
+    keys: &LogKeys,
+    key: &[u8; 32],
+) -> Result<(), LedgerError> {
+    if keys.present() == key {
+        Ok(())
+    } else if keys.have(key) {
+        Err(LedgerError::FormerKey(genesis.network_id()))
+    } else {
+        Err(LedgerError::OtherKey(genesis.network_id()))
     }
 }
 
@@ -116,10 +144,6 @@ impl TrialState<'_> {
             Self::Single(state) => state,
             Self::Copy(state) => state,
         }
-    }
-
-    fn genesis_origin(&self) -> &str {
-        self.state().genesis().origin()
     }
 
     fn check(&self, entry: &AuthenticEntry<'_>) -> Result<(), RuleViolation> {

@@ -17,7 +17,7 @@ use crate::blobs::Blobs;
 use crate::clock::ClockWatch;
 use crate::error::{io_error, LedgerError};
 use crate::folder;
-use crate::group::{group, TrialState, WantedEntry};
+use crate::group::{check_key, group, TrialState, WantedEntry};
 use crate::pruned;
 use crate::replay::{continuing, HistoryFold};
 use crate::store::reader::LedgerReader;
@@ -29,7 +29,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::thread::sleep;
 use std::time::Duration;
-use zk0_circuits::Digest;
+use zk0_circuits::{Digest, NodeId};
 use zk0_files::atomic_file::{create_folder, folder_of};
 use zk0_protocol::challenge::vrf::VrfProof;
 use zk0_protocol::entries::authentic::AuthenticBody;
@@ -39,6 +39,7 @@ use zk0_protocol::entries::signed::{SignableStatement, Signed};
 use zk0_protocol::rules::state::State;
 use zk0_protocol::rules::violation::RuleViolation;
 use zk0_protocol::tlog::checkpoint::Checkpoint;
+use zk0_protocol::tlog::key_rotation::{LogKeyRotation, LogKeyTakeover};
 use zk0_protocol::tlog::receipt::Receipt;
 use zk0_protocol::tlog::tree::Frontier;
 
@@ -146,11 +147,27 @@ impl Ledger {
         blobs: Blobs,
         fold: &mut dyn HistoryFold,
     ) -> Result<Self, LedgerError> {
-        let path = folder::database(dir);
         let log_key = key.verifying_key().to_bytes();
+        let ledger = Self::open_to_rotate(dir, network, key, Some(&log_key), blobs, fold)?;
+        let (genesis, keys) = (ledger.state.genesis(), ledger.state.log_keys());
+        check_key(genesis, keys, &log_key)?;
+        Ok(ledger)
+    }
+
+    /// [`Ledger::open_with`], with the key that the log is to get ([`Ledger::rotate_key`]). Without `log_key`, an empty folder is filled from
+    /// the store of any log.
+    pub fn open_to_rotate(
+        dir: &Path,
+        network: Option<&Digest>,
+        key: SigningKey,
+        log_key: Option<&[u8; 32]>,
+        blobs: Blobs,
+        fold: &mut dyn HistoryFold,
+    ) -> Result<Self, LedgerError> {
+        let path = folder::database(dir);
         if let Some(entries) = blobs.entry_store() {
             if is_empty(dir)? {
-                stored_entries::found(dir, &log_key, entries)?;
+                stored_entries::found(dir, log_key, entries)?;
             }
         }
         if !path.exists() {
@@ -172,9 +189,6 @@ impl Ledger {
             published = folder::read_checkpoint(dir)?;
             continuing::verify_rest(&store, dir, published.as_deref(), &mut history, fold)?;
         }
-        if history.genesis().log_key != log_key {
-            return Err(LedgerError::OtherKey(*history.state().network()));
-        }
         blobs.remove_unfinished()?;
         let stored = blobs.store_all()?;
         if let (Some(address), true) = (blobs.store_address(), stored > 0) {
@@ -187,7 +201,8 @@ impl Ledger {
         let mut confirmed = false;
         if let Some(entries) = blobs.entry_store() {
             let held = store.size()?;
-            let stored = stored_entries::reconcile(dir, &store, history.genesis(), entries)?;
+            let known = (history.genesis(), history.state().log_keys());
+            let stored = stored_entries::reconcile(dir, &store, known, entries)?;
             confirmed = stored >= held;
             if stored > held {
                 published = folder::read_checkpoint(dir)?;
@@ -217,6 +232,34 @@ impl Ledger {
             fenced: None,
             confirmed,
         })
+    }
+
+    /// Gives the log the key that it was opened with ([`Ledger::open_to_rotate`]). `operator` is the key that founded the network. From this
+    /// entry on, the new key signs.
+    pub fn rotate_key(
+        &mut self,
+        operator: &SigningKey,
+        time_ms: u64,
+    ) -> Result<Receipt, LedgerError> {
+        let genesis = self.state.genesis();
+        if genesis.log_key != operator.verifying_key().to_bytes() {
+            return Err(LedgerError::NotOperatorsKey(*self.state.network()));
+        }
+        let rotation = LogKeyRotation {
+            network: *self.state.network(),
+            log: genesis.origin().into(),
+            operator: NodeId(genesis.log_key),
+            with: NodeId(self.key.verifying_key().to_bytes()),
+            entry: self.size(),
+        };
+        let takeover = LogKeyTakeover {
+            rotation: rotation.clone(),
+        };
+        let body = Body::LogKeyRotated {
+            rotation: Signed::new(rotation, operator),
+            takeover: self.sign(takeover),
+        };
+        self.append(time_ms, body)
     }
 
     /// Appends an entry if the rules allow it. It is then on disk with its checkpoint, and the receipt may be handed out. Its time is

@@ -14,7 +14,7 @@ use crate::blobs::Blobs;
 use crate::error::LedgerError;
 use crate::folder;
 use crate::log::Ledger;
-use crate::pruned;
+use crate::pruned::{self, SignedPruning};
 use crate::published::publication::{Publication, PublicationError};
 use crate::replay::continuing;
 use crate::store::reader::LedgerReader;
@@ -29,7 +29,7 @@ use zk0_protocol::pruning::Pruning;
 use zk0_protocol::rules::named_blobs::named_blobs;
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_protocol::rules::state::State;
-use zk0_protocol::{Genesis, Signed};
+use zk0_protocol::Genesis;
 
 pub use needed::Reason;
 
@@ -95,7 +95,7 @@ pub struct SignedPlan {
     dir: PathBuf,
     blobs: Blobs,
     genesis: Genesis,
-    statement: Option<Signed<Pruning>>,
+    statement: Option<SignedPruning>,
     doomed: Vec<Doomed>,
     _opened: LedgerReader,
 }
@@ -213,7 +213,10 @@ impl PrunePlan {
             dir: ledger.dir().into(),
             blobs: ledger.blobs().clone(),
             genesis: ledger.state().genesis().clone(),
-            statement: self.statement.map(|statement| ledger.sign(statement)),
+            statement: self.statement.map(|statement| {
+                let rotation = ledger.state().log_keys().rotation();
+                SignedPruning::new(&ledger.sign(statement), rotation)
+            }),
             doomed: self.doomed,
             _opened: ledger.reader().clone(),
         }
@@ -326,7 +329,7 @@ impl PrunableLedger {
         };
         let new = Pruning {
             network: *self.state.network(),
-            operator: NodeId(self.state.genesis().log_key),
+            operator: NodeId(*self.state.log_keys().present()),
             entries: closing + 1,
             updates_before: first_kept,
             proofs_before: if keep.without_proofs { first_kept } else { 0 },

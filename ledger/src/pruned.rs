@@ -1,14 +1,43 @@
 //! The file `pruned` in a ledger's folder: the operator's statement about blobs that are no longer kept ([`Pruning`]), signed with the
-//! log's key. If the blobs have a store, the statement is there, too, for an aggregator that starts in an empty folder.
+//! log's key. If that is not the founding key, the operator's statement about the key follows. If the blobs have a store, all that is there,
+//! too, for an aggregator that starts in an empty folder.
 
 use crate::blobs::entry_objects::EntryStore;
 use crate::blobs::error::BlobError;
 use crate::blobs::Blobs;
 use crate::error::LedgerError;
 use crate::folder;
+use borsh::BorshDeserialize;
 use std::path::Path;
 use zk0_protocol::pruning::Pruning;
+use zk0_protocol::tlog::key_rotation::LogKeyRotation;
 use zk0_protocol::{Genesis, Signed};
+
+/// A verified statement, and the bytes of its file.
+#[derive(Clone, Debug)]
+pub(crate) struct SignedPruning {
+    pub statement: Pruning,
+    bytes: Vec<u8>,
+}
+
+impl SignedPruning {
+    /// The statement with its signature. `rotation` has given the log its key.
+    pub fn new(signed: &Signed<Pruning>, rotation: Option<&Signed<LogKeyRotation>>) -> Self {
+        let mut bytes = borsh::to_vec(signed).expect("writing to a Vec cannot fail");
+        if let Some(rotation) = rotation {
+            bytes.extend(borsh::to_vec(rotation).expect("writing to a Vec cannot fail"));
+        }
+        Self {
+            statement: signed.statement,
+            bytes,
+        }
+    }
+
+    /// The bytes of its file.
+    pub fn into_bytes(self) -> Vec<u8> {
+        self.bytes
+    }
+}
 
 /// The operator's statement in `dir` for the log of `genesis`; `None` if nothing was pruned.
 ///
@@ -37,7 +66,7 @@ pub(crate) fn read_within(
 pub(crate) fn read_signed(
     dir: &Path,
     genesis: &Genesis,
-) -> Result<Option<Signed<Pruning>>, LedgerError> {
+) -> Result<Option<SignedPruning>, LedgerError> {
     let bytes = folder::read_pruned(dir)?;
     let from = folder::pruned(dir).display().to_string();
     bytes
@@ -50,15 +79,21 @@ pub(crate) fn decode(
     from: &str,
     bytes: &[u8],
     genesis: &Genesis,
-) -> Result<Signed<Pruning>, LedgerError> {
+) -> Result<SignedPruning, LedgerError> {
     let bad = |why: String| LedgerError::BadPruning {
         from: from.into(),
         why,
     };
-    let signed: Signed<Pruning> =
-        borsh::from_slice(bytes).map_err(|error| bad(error.to_string()))?;
+    let mut rest = bytes;
+    let signed = Signed::<Pruning>::deserialize(&mut rest);
+    let signed = signed.map_err(|error| bad(error.to_string()))?;
     let statement = signed.verify().map_err(|error| bad(error.to_string()))?;
-    if statement.operator.0 != genesis.log_key {
+    let key = if rest.is_empty() {
+        genesis.log_key
+    } else {
+        given_key(rest, genesis).map_err(bad)?
+    };
+    if statement.operator.0 != key {
         return Err(bad(format!(
             "{} has signed it, and not the log's key",
             statement.operator
@@ -67,29 +102,40 @@ pub(crate) fn decode(
     if statement.network != genesis.network_id() {
         return Err(bad(format!("it is about network {}", statement.network)));
     }
-    Ok(signed)
+    Ok(SignedPruning {
+        statement: *statement,
+        bytes: bytes.into(),
+    })
 }
 
-pub(crate) fn encode(signed: &Signed<Pruning>) -> Vec<u8> {
-    borsh::to_vec(signed).expect("writing to a Vec cannot fail")
+/// The key that the operator gave the log, by its statement.
+fn given_key(rotation: &[u8], genesis: &Genesis) -> Result<[u8; 32], String> {
+    let signed: Signed<LogKeyRotation> =
+        borsh::from_slice(rotation).map_err(|error| error.to_string())?;
+    let rotation = signed.verify().map_err(|error| error.to_string())?;
+    if rotation.operator.0 == genesis.log_key && rotation.network == genesis.network_id() {
+        Ok(rotation.with.0)
+    } else {
+        Err("the network's operator has not signed the statement about its key".into())
+    }
 }
 
-/// Writes the statement, durably.
-pub(crate) fn write(dir: &Path, signed: &Signed<Pruning>) -> Result<(), LedgerError> {
-    folder::write_pruned(dir, &encode(signed))
+/// Writes the bytes of a statement's file, durably.
+pub(crate) fn write(dir: &Path, bytes: &[u8]) -> Result<(), LedgerError> {
+    folder::write_pruned(dir, bytes)
 }
 
 /// Writes another copy's statement, unless this copy has a later one.
 pub(crate) fn keep_newer(
     dir: &Path,
     genesis: &Genesis,
-    signed: &Signed<Pruning>,
+    signed: &SignedPruning,
 ) -> Result<(), LedgerError> {
     let (offered, held) = (&signed.statement, read(dir, genesis)?);
     // Each statement of an operator includes the earlier ones.
     match held {
         Some(held) if offered.and(&held) != *offered => Ok(()),
-        _ => write(dir, signed),
+        _ => write(dir, &signed.bytes),
     }
 }
 
@@ -101,12 +147,12 @@ pub(crate) fn publish(
     dir: &Path,
     blobs: &Blobs,
     genesis: &Genesis,
-    signed: &Signed<Pruning>,
+    signed: &SignedPruning,
 ) -> Result<(), LedgerError> {
     if let Some(store) = blobs.entry_store() {
         put(store, genesis, signed)?;
     }
-    write(dir, signed)
+    write(dir, &signed.bytes)
 }
 
 /// Gives the folder and the store the later of their statements.
@@ -127,23 +173,22 @@ pub(crate) fn reconcile(
 fn put(
     store: &dyn EntryStore,
     genesis: &Genesis,
-    signed: &Signed<Pruning>,
+    signed: &SignedPruning,
 ) -> Result<(), LedgerError> {
     match stored(store, genesis)? {
-        Some(stored) if stored == *signed => return Ok(()),
+        Some(stored) if stored.bytes == signed.bytes => return Ok(()),
         Some(stored) if signed.statement.and(&stored.statement) != signed.statement => {
             return Err(LedgerError::PrunedElsewhere(store.place().into()));
         }
         _ => {}
     }
-    let statement = encode(signed);
-    Ok(store.put_pruned(&statement).map_err(BlobError::from)?)
+    Ok(store.put_pruned(&signed.bytes).map_err(BlobError::from)?)
 }
 
 fn stored(
     store: &dyn EntryStore,
     genesis: &Genesis,
-) -> Result<Option<Signed<Pruning>>, LedgerError> {
+) -> Result<Option<SignedPruning>, LedgerError> {
     let bytes = store.pruned().map_err(BlobError::from)?;
     let from = format!("{}/pruned", store.place());
     bytes

@@ -21,8 +21,9 @@ use std::thread;
 use zk0_files::atomic_file::{create_folder, folder_of};
 use zk0_protocol::entries::entry::{needs_checkpoint, Entry};
 use zk0_protocol::entries::genesis::Genesis;
+use zk0_protocol::log_keys::LogKeys;
 use zk0_protocol::rules::state::State;
-use zk0_protocol::tlog::checkpoint::Checkpoint;
+use zk0_protocol::tlog::checkpoint::{Checkpoint, KeyedCheckpoint};
 use zk0_protocol::tlog::tree::Frontier;
 
 const VERSION: u8 = 1;
@@ -102,11 +103,11 @@ pub(crate) fn put(store: &dyn EntryStore, first: u64, group: &[u8]) -> Result<()
     }
 }
 
-/// Founds the ledger in `dir`, which has none, from the first entry in the store, whose log has this key. The next opening takes the
-/// entries after it.
+/// Founds the ledger in `dir`, which has none, from the first entry in the store, whose log has `log_key`, if given. The next opening takes
+/// the entries after it.
 pub(crate) fn found(
     dir: &Path,
-    log_key: &[u8; 32],
+    log_key: Option<&[u8; 32]>,
     store: &dyn EntryStore,
 ) -> Result<(), LedgerError> {
     let Some(object) = get(store, 0)? else {
@@ -132,16 +133,19 @@ pub(crate) fn found(
     };
     let entry = Entry::decode(&bytes).map_err(|error| bad(error.to_string()))?;
     let state = State::found(&entry).map_err(|error| bad(error.to_string()))?;
-    if state.genesis().log_key != *log_key {
-        return Err(LedgerError::EntriesOfOther {
-            address: store.place().into(),
-            network: *state.network(),
-        });
-    }
     let mut tree = Frontier::default();
     let hashes = tree.push(&bytes)?;
     let (size, root) = (tree.size(), tree.root()?);
-    check_checkpoint(&text, state.genesis(), &Checkpoint { size, root }).map_err(bad)?;
+    let founding = &state.genesis().log_key;
+    check_checkpoint(&text, state.genesis(), founding, &Checkpoint { size, root }).map_err(bad)?;
+    if let Some(log_key) = log_key {
+        if newest_key(store, state.genesis())? != *log_key {
+            return Err(LedgerError::EntriesOfOther {
+                address: store.place().into(),
+                network: *state.network(),
+            });
+        }
+    }
     create_folder(dir).map_err(io_error(dir))?;
     let database = Store::open(&folder::database(dir))?;
     folder::sync(dir)?;
@@ -153,12 +157,29 @@ pub(crate) fn found(
     folder::write_checkpoint(dir, &text)
 }
 
+/// The key that signed the newest checkpoint in the store.
+fn newest_key(store: &dyn EntryStore, genesis: &Genesis) -> Result<[u8; 32], LedgerError> {
+    let groups = store.groups_from(0).map_err(BlobError::from)?;
+    let first = groups.into_iter().max().unwrap_or(0);
+    let object = get(store, first)?.ok_or_else(|| missing(store, first))?;
+    let bad = |why: String| bad(store, first, why);
+    let newest = decode(&object).map_err(bad)?.pop();
+    let Some(text) = newest.and_then(|newest| newest.checkpoint) else {
+        return Err(bad("it does not end with a checkpoint".into()));
+    };
+    match KeyedCheckpoint::open(&text, genesis.origin(), &genesis.log_key) {
+        Ok(signed) => Ok(signed.key),
+        Err(error) => Err(bad(error.to_string())),
+    }
+}
+
 /// Brings the database in `dir` and the store to the same entries: takes those that the store has more, or puts there those that it lacks.
-/// The database's are verified. Returns how many the store had. What the database has taken is verified by its checkpoints, not by the rules.
+/// The database's are verified, and determine the keys. Returns how many the store had. What the database has taken is verified by its
+/// checkpoints, not by the rules.
 pub(crate) fn reconcile(
     dir: &Path,
     database: &Store,
-    genesis: &Genesis,
+    known: (&Genesis, &LogKeys),
     store: &dyn EntryStore,
 ) -> Result<u64, LedgerError> {
     let held = database.size()?;
@@ -168,7 +189,7 @@ pub(crate) fn reconcile(
         Some(first) if *first > held => return Err(missing(store, 0)),
         Some(first) => {
             let tree = tree_of(database, *first)?;
-            take(dir, database, genesis, (store, &groups[..]), tree)?
+            take(dir, database, known, (store, &groups[..]), tree)?
         }
     };
     if stored < held {
@@ -215,11 +236,12 @@ fn tree_of(database: &Store, size: u64) -> Result<Frontier, LedgerError> {
 fn take(
     dir: &Path,
     database: &Store,
-    genesis: &Genesis,
+    (genesis, keys): (&Genesis, &LogKeys),
     (store, groups): (&dyn EntryStore, &[u64]),
     mut tree: Frontier,
 ) -> Result<u64, LedgerError> {
     let held = database.size()?;
+    let mut keys = keys.clone();
     for some in groups.chunks(AT_ONCE) {
         let (mut batch, mut newest) = (StoreBatch::default(), None);
         for (first, object) in some.iter().zip(read(store, some)?) {
@@ -236,25 +258,26 @@ fn take(
                 let index = tree.size();
                 let hashes = tree.push(&bytes)?;
                 let (size, root) = (tree.size(), tree.root()?);
+                let decoded = || Entry::decode(&bytes).map_err(|error| bad(error.to_string()));
                 if index >= held {
+                    keys.observe(&decoded()?.body);
                     batch.entry(index, &bytes, &hashes);
                 } else if database.entry(index)?.as_ref() != Some(&bytes) {
                     other = other.or(Some(index));
                 }
                 if let Some(text) = checkpoint {
-                    check_checkpoint(&text, genesis, &Checkpoint { size, root }).map_err(bad)?;
+                    let key = keys.at(size);
+                    check_checkpoint(&text, genesis, key, &Checkpoint { size, root })
+                        .map_err(bad)?;
                     covered = size;
                     if size > held {
                         batch.checkpoint(size, &text);
                         newest = Some(text);
                     }
-                } else {
-                    let entry = Entry::decode(&bytes).map_err(|error| bad(error.to_string()))?;
-                    if needs_checkpoint(&entry.body) {
-                        return Err(bad(format!(
-                            "the checkpoint after entry {index} is missing"
-                        )));
-                    }
+                } else if needs_checkpoint(&decoded()?.body) {
+                    return Err(bad(format!(
+                        "the checkpoint after entry {index} is missing"
+                    )));
                 }
             }
             if covered < tree.size() || covered == *first {

@@ -26,6 +26,8 @@ pub struct WitnessStore {
 
 struct KeptCosignature {
     checkpoint: Checkpoint,
+    /// The entry that gave the log the key that signed it.
+    since: u64,
     /// The note's line.
     cosignature: Vec<u8>,
 }
@@ -88,10 +90,12 @@ impl WitnessStore {
         for key in logs {
             let remembered = store.remembered(&key)?;
             let last = remembered.as_ref().map(|cosigned| cosigned.checkpoint);
+            let since = remembered.as_ref().map_or(0, |cosigned| cosigned.since);
             if let Some(cosigned) = remembered {
                 store.cosigned.insert(key.name().into(), cosigned);
             }
-            store.witness.watch(key, last).map_err(WitnessError::Log)?;
+            let watched = store.witness.watch(key, last, since);
+            watched.map_err(WitnessError::Log)?;
         }
         Ok(store)
     }
@@ -113,10 +117,13 @@ impl WitnessStore {
             .open(&text, key)
             .map_err(|error| damaged(error.to_string()))?;
         let parsed = Parsed::read(&text).map_err(|error| damaged(error.to_string()))?;
+        let signature = parsed.signed_by(key);
+        let signature = signature.map_err(|error| damaged(error.to_string()))?;
         let own = cosigner::find(&text, self.witness.key(), &parsed.note);
         let own = own.ok_or_else(|| damaged("it has no cosignature of this witness".into()))?;
         Ok(Some(KeptCosignature {
             checkpoint: opened.checkpoint,
+            since: signature.since,
             cosignature: own.to_bytes(),
         }))
     }
@@ -135,6 +142,7 @@ impl WitnessStore {
         self.witness.record(&accepted);
         let cosigned = KeptCosignature {
             checkpoint: accepted.checkpoint,
+            since: accepted.since,
             cosignature: accepted.cosignature.clone(),
         };
         self.cosigned.insert(accepted.origin, cosigned);

@@ -1,6 +1,7 @@
 //! A witness (C2SP tlog-witness) gives every answer of the specification, and never cosigns two histories.
 
 use crate::network::log::{log_vkey, ORIGIN};
+use crate::network::log_keys::*;
 use crate::network::shelf::*;
 use crate::network::*;
 use ed25519_dalek::SigningKey;
@@ -10,8 +11,9 @@ use zk0_circuits::Digest;
 use zk0_ledger::witness_store::{hash, AddError, WitnessError, WitnessStore};
 use zk0_protocol::tlog::checkpoint::Parsed;
 use zk0_protocol::tlog::cosigner::{self, Cosigner};
+use zk0_protocol::tlog::key_rotation::LogKeyRotation;
 use zk0_protocol::tlog::witness::{AddCheckpoint, WitnessRefusal};
-use zk0_protocol::{Checkpoint, VerifierKey, WitnessPolicy};
+use zk0_protocol::{Checkpoint, Signed, VerifierKey, WitnessPolicy};
 use zk0_testkit::until;
 
 const NOW: u64 = 1_700_000_000;
@@ -201,6 +203,43 @@ fn a_restarted_witness_knows_what_it_signed() {
     // Two processes of the same witness at once would cosign two histories, so the second one does not start.
     let second = WitnessStore::open(dir.path(), cosigner(), vec![log_vkey()]);
     assert!(matches!(second, Err(WitnessError::Locked(_))));
+}
+
+/// The witness is told of the founding key alone, and needs no other one when the log has another key.
+#[test]
+fn a_witness_follows_another_key_and_refuses_the_former_one() {
+    let dir = tempfile::tempdir().unwrap();
+    let shelf = Shelf::of(&leaves(20, 99));
+    let mut first = witness(dir.path());
+    assert_eq!(status(&mut first, &request(&shelf, 0, 8)), 200);
+    let rotated = |number: u8, entry| {
+        let rotation = LogKeyRotation {
+            entry,
+            ..log_rotation(&Chain::new().state, &later_key(number))
+        };
+        Signed::new(rotation, &log_key())
+    };
+    let by = |number: u8, entry, old, size| AddCheckpoint {
+        checkpoint: shelf
+            .checkpoint(size)
+            .sign_after(ORIGIN, &later_key(number), Some(&rotated(number, entry)))
+            .unwrap(),
+        ..request(&shelf, old, size)
+    };
+    assert_eq!(status(&mut first, &by(1, 8, 8, 10)), 200);
+    // A thief has the founding key.
+    let by_thief = request(&shelf, 10, 12);
+    assert_eq!(status(&mut first, &by_thief), 403);
+    drop(first);
+    let mut again = witness(dir.path());
+    let refused = again.add(&by_thief.encode(), NOW).unwrap_err().to_string();
+    assert!(
+        refused.contains("entry 8 gave the log another key"),
+        "{refused}"
+    );
+    assert_eq!(status(&mut again, &by(2, 12, 10, 13)), 200);
+    assert_eq!(status(&mut again, &by(1, 8, 13, 15)), 403);
+    assert_eq!(status(&mut again, &by(2, 12, 13, 15)), 200);
 }
 
 #[test]

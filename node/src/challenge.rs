@@ -13,6 +13,7 @@ use zk0_protocol::challenge::drawing::DrawContext;
 use zk0_protocol::challenge::source::RandomnessSource;
 use zk0_protocol::entries::entry::{Body, RoundOpened};
 use zk0_protocol::rpc::federation as rpc;
+use zk0_protocol::tlog::checkpoint::KeyedCheckpoint;
 use zk0_protocol::tlog::receipt::Receipt;
 
 impl NodeClient {
@@ -36,13 +37,14 @@ impl NodeClient {
             if let (None, Some(receipt)) = (closing, info.commitments_closed) {
                 let found = self.closing(round, receipt)?;
                 if waited {
-                    warn_if_beacon_is_known(opened, &found);
+                    warn_if_beacon_is_known(opened, &found.0);
                 }
                 closing = Some(found);
             }
             match (&closing, info.randomness, info.closed) {
-                (Some(closing), Some(receipt), _) => {
-                    let (randomness, receipt) = self.randomness(opened, closing, receipt)?;
+                (Some((closing, log_key)), Some(receipt), _) => {
+                    let drawn = self.randomness(opened, (closing, log_key), receipt)?;
+                    let (randomness, receipt) = drawn;
                     let (network, node) = (*self.network(), self.id());
                     let challenge = challenge(&network, round, &node, commitment, &randomness);
                     return Ok((challenge, receipt));
@@ -54,8 +56,16 @@ impl NodeClient {
         }
     }
 
-    fn closing(&self, round: u64, receipt: rpc::Receipt) -> Result<CommitmentsClosing, NodeError> {
-        let (receipt, checkpoint, entry) = self.opened(receipt)?;
+    /// The closing of the commitments, and the log's key there.
+    fn closing(
+        &self,
+        round: u64,
+        receipt: rpc::Receipt,
+    ) -> Result<(CommitmentsClosing, [u8; 32]), NodeError> {
+        let (receipt, signed, entry) = self.opened(receipt)?;
+        let KeyedCheckpoint {
+            checkpoint, key, ..
+        } = signed;
         let closed = match entry.body {
             Body::CommitmentsClosed(closed) if closed.round == round => closed,
             _ => {
@@ -73,18 +83,19 @@ impl NodeClient {
                 found,
             ));
         }
-        Ok(CommitmentsClosing {
+        let closing = CommitmentsClosing {
             entry: receipt.index,
             time_ms: entry.time_ms,
             root: checkpoint.root,
             commitments: closed.commitments,
-        })
+        };
+        Ok((closing, key))
     }
 
     fn randomness(
         &self,
         opened: &RoundOpened,
-        closing: &CommitmentsClosing,
+        (closing, log_key): (&CommitmentsClosing, &[u8; 32]),
         receipt: rpc::Receipt,
     ) -> Result<(Digest, Receipt), NodeError> {
         let round = opened.round;
@@ -96,7 +107,7 @@ impl NodeClient {
         let context = DrawContext {
             rules: &opened.rules,
             origin: self.genesis().origin(),
-            log_key: &self.genesis().log_key,
+            log_key,
             closing,
             recorded_ms: entry.time_ms,
         };

@@ -2,6 +2,7 @@
 
 pub mod carried;
 mod heads;
+mod seen_keys;
 pub mod status;
 pub mod stored_update;
 mod transfers;
@@ -9,6 +10,7 @@ mod waits;
 pub mod watching;
 
 use crate::client::heads::{run, system_clock, About, For};
+use crate::client::seen_keys::SeenKeys;
 use crate::client::stored_update::StoreClient;
 use crate::client::waits::{may_pass, why, Waits};
 use crate::client_error::NodeError;
@@ -34,7 +36,7 @@ use zk0_protocol::rpc::federation::federation_client::FederationClient;
 use zk0_protocol::rpc::federation::record_request::Statement;
 use zk0_protocol::rpc::head_metadata::with_head;
 use zk0_protocol::rpc::PROTOCOL;
-use zk0_protocol::tlog::checkpoint::Checkpoint;
+use zk0_protocol::tlog::checkpoint::{Checkpoint, KeyedCheckpoint};
 use zk0_protocol::tlog::receipt::Receipt;
 use zk0_protocol::{Refusal, Rules};
 use zk0_service::tls::service_address::ServiceAddress;
@@ -69,6 +71,7 @@ pub struct NodeClient {
     pub(crate) client: FederationClient<InterceptedService<transport::Channel, Carrier>>,
     key: SigningKey,
     genesis: Genesis,
+    seen_keys: SeenKeys,
     heads: For,
     store: StoreClient,
     /// How long the node waits for an answer; `None` for no limit.
@@ -146,15 +149,11 @@ impl NodeClient {
                 theirs,
             });
         }
-        Checkpoint::open(
-            info.checkpoint.as_bytes(),
-            genesis.origin(),
-            &genesis.log_key,
-        )?;
-        Ok(Self {
+        let client = Self {
             client,
             key,
             genesis,
+            seen_keys: SeenKeys::default(),
             store: StoreClient::beside(&address),
             patience: None,
             metrics: NodeMetrics::default(),
@@ -163,7 +162,9 @@ impl NodeClient {
                 run: run(&info.run)?,
                 clock: Box::new(system_clock),
             },
-        })
+        };
+        client.open_checkpoint(info.checkpoint.as_bytes())?;
+        Ok(client)
     }
 
     /// Signs the times of this clock, in Unix milliseconds, instead of the machine's.
@@ -443,18 +444,27 @@ impl NodeClient {
     }
 
     pub(crate) fn entry(&self, receipt: rpc::Receipt) -> Result<(Checkpoint, Entry), NodeError> {
-        let (_, checkpoint, entry) = self.opened(receipt)?;
-        Ok((checkpoint, entry))
+        let (_, signed, entry) = self.opened(receipt)?;
+        Ok((signed.checkpoint, entry))
+    }
+
+    fn open_checkpoint(&self, note: &[u8]) -> Result<Checkpoint, NodeError> {
+        let genesis = &self.genesis;
+        let signed = KeyedCheckpoint::open(note, genesis.origin(), &genesis.log_key)?;
+        self.seen_keys.take(&signed)?;
+        Ok(signed.checkpoint)
     }
 
     pub(crate) fn opened(
         &self,
         receipt: rpc::Receipt,
-    ) -> Result<(Receipt, Checkpoint, Entry), NodeError> {
+    ) -> Result<(Receipt, KeyedCheckpoint, Entry), NodeError> {
         let receipt = Receipt::try_from(receipt)
             .map_err(|error| unexpected("a hash of 32 bytes", format!("{} bytes", error.0)))?;
-        let (checkpoint, entry) = receipt.verify(&self.genesis.log_key, self.genesis.origin())?;
-        Ok((receipt, checkpoint, entry))
+        let genesis = &self.genesis;
+        let (signed, entry) = receipt.verify_keyed(&genesis.log_key, genesis.origin())?;
+        self.seen_keys.take(&signed)?;
+        Ok((receipt, signed, entry))
     }
 }
 

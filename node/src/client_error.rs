@@ -45,6 +45,14 @@ pub enum NodeError {
     /// It sent a checkpoint that the log did not sign.
     #[error("{0}")]
     Checkpoint(#[from] CheckpointError),
+    /// It sent a checkpoint that a former key of the log signed.
+    #[error("the aggregator's checkpoint of {size} entries is signed with a former key of the log, which may be stolen: entry {since} gave the log another one. Ask the network's operator for the aggregator's address")]
+    FormerKey {
+        /// The checkpoint's entries.
+        size: u64,
+        /// The entry that gave the log its newest key.
+        since: u64,
+    },
     /// It sent a receipt that does not prove the entry.
     #[error("{0}")]
     Receipt(#[from] ReceiptError),

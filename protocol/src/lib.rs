@@ -30,8 +30,9 @@
 //!   that the ledger determines ([`rules::bindings`]).
 //! - [`challenge`]: the randomness of challenges, and its verification.
 //! - [`evaluation_set`]: the drawn frames of a dataset.
-//! - [`tlog`]: RFC 6962 trees, C2SP checkpoints, cosignatures, tiles, receipts.
-//! - [`request_head`]: the signed heads of requests. [`pruning`]: the operator's statement on blobs no longer kept.
+//! - [`tlog`]: RFC 6962 trees, C2SP checkpoints, cosignatures, tiles, receipts. [`log_keys`]: the keys that a log has had.
+//! - [`signed_statement`]: signed statements. [`request_head`]: the signed heads of requests. [`pruning`]: the operator's statement
+//!   on blobs no longer kept.
 //! - [`blob`]: bytes named by their SHA-256.
 //! - [`public_key`]: reads ed25519 public keys; [`quote`]: quotes a stranger's text; [`counted`]: counts for people;
 //!   [`growing_waits`]: when a server is asked again.
@@ -43,6 +44,7 @@ pub mod counted;
 pub mod entries;
 pub mod evaluation_set;
 pub mod growing_waits;
+pub mod log_keys;
 pub mod pruning;
 pub mod public_key;
 pub mod quote;
@@ -51,6 +53,7 @@ pub mod request_head;
 #[cfg(feature = "rpc")]
 pub mod rpc;
 pub mod rules;
+pub mod signed_statement;
 pub mod tlog;
 
 pub use entries::authentic::AuthenticEntry;

@@ -1,4 +1,5 @@
-//! The operator's statement on blobs that the log no longer keeps, signed with the log's key and published beside the log. It
+//! The operator's statement on blobs that the log no longer keeps, signed with the log's key and published beside the log. Where that is not
+//! the founding key, the operator's statement about the key follows ([`crate::tlog::key_rotation`]). It
 //! lets an auditor tell pruned blobs from lost or withheld ones.
 //!
 //! It names rounds, not blobs, so it stays small. It excuses only rounds closed before it was signed: to withhold later blobs,
@@ -6,19 +7,20 @@
 
 use crate::entries::signed::SignableStatement;
 use crate::rules::named_blobs::BlobKind;
+use crate::tlog::key_rotation::MAX_ROTATION_BYTES;
 use borsh::{BorshDeserialize, BorshSerialize};
 use std::fmt;
 use zk0_circuits::{Digest, NodeId};
 
-/// Bytes of an encoded, signed [`Pruning`].
-pub const PRUNING_BYTES: usize = 2 * 32 + 4 * 8 + 64;
+/// Most bytes of an encoded, signed [`Pruning`] with the statement about its key.
+pub const MAX_PRUNING_BYTES: usize = 2 * 32 + 4 * 8 + 64 + MAX_ROTATION_BYTES;
 
 /// The blobs no longer kept. Each number is the first round whose blobs of a kind are all kept; 0 for all rounds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Pruning {
     /// The network.
     pub network: Digest,
-    /// The operator: the log's key.
+    /// The operator, by the log's key.
     pub operator: NodeId,
     /// The statement covers this many first entries.
     pub entries: u64,

@@ -14,9 +14,11 @@ use zk0_protocol::request_head::{Method, RequestHead};
 use zk0_protocol::rules::network_rules::{Scaffold, Strategy};
 use zk0_protocol::tlog::checkpoint::Parsed;
 use zk0_protocol::tlog::cosigner::Cosigner;
+use zk0_protocol::tlog::key_rotation::{LogKeyRotation, LogKeyTakeover};
 use zk0_protocol::tlog::witness::AddCheckpoint;
 use zk0_protocol::{Body, Checkpoint, Entry, Signed, State, TlogProof};
 use zk0_testkit::network::log::MemoryLog;
+use zk0_testkit::network::log_keys::*;
 use zk0_testkit::network::*;
 
 fn check(name: &str, bytes: &[u8]) {
@@ -110,6 +112,10 @@ fn entries() {
         Body::OperatorDecided(Signed::new(decision, &key(0))),
     );
     check_entry(
+        "entries/log-key-rotated",
+        log_rotated_to(&state, &later_key(1)),
+    );
+    check_entry(
         "entries/randomness-drawn",
         Body::RandomnessDrawn(drawn(&state)),
     );
@@ -177,6 +183,16 @@ fn statements() {
             number: 258,
         },
     );
+    let rotation = LogKeyRotation {
+        operator: id(0),
+        ..log_rotation(&state, &later_key(1))
+    };
+    check_signed("signed/log-key-rotation", rotation.clone());
+    let rotation = LogKeyRotation {
+        with: id(0),
+        ..rotation
+    };
+    check_signed("signed/log-key-takeover", LogKeyTakeover { rotation });
     check_signed(
         "signed/pruning",
         Pruning {
@@ -257,6 +273,9 @@ fn checkpoints_and_receipts() {
         Checkpoint::open(&text, &genesis.name, &genesis.log_key),
         Ok(checkpoint)
     );
+    let rotation = Signed::new(log_rotation(&Chain::new().state, &later_key(1)), &log_key());
+    let text = checkpoint.sign_after(&genesis.name, &later_key(1), Some(&rotation));
+    check("tlog/checkpoint-of-a-later-key", &text.unwrap());
     let receipt = MemoryLog::of_enrolments(2, 1).receipt(2);
     check("tlog/receipt", &borsh::to_vec(&receipt).unwrap());
     check("tlog/tlog-proof", &TlogProof::from(receipt).encode());

@@ -161,12 +161,13 @@ impl Aggregator {
         self.ledger.time_ms(self.clock.now_ms())
     }
 
-    /// Nodes, governors, and the operator with the log's key.
+    /// Nodes, governors, and the operator with its own key or the log's.
     pub fn members(&self) -> HashSet<NodeId> {
         let state = self.state();
         let governors = &state.rules().governance.governors;
         let others = governors.iter().map(|governor| governor.key);
-        let others = others.chain([NodeId(state.genesis().log_key)]);
+        let operators = [state.genesis().log_key, *state.log_keys().present()];
+        let others = others.chain(operators.map(NodeId));
         state.nodes().keys().copied().chain(others).collect()
     }
 

@@ -107,7 +107,9 @@ pub fn due(state: &State, config: &Config, now_ms: u64) -> Due {
             }
         }
         Phase::Drawing => match (&state.rules().randomness, state.to_draw(now_ms)) {
-            (RandomnessSource::LogVrf, Some(_)) => Due::Now(RoundStep::Draw(number)),
+            (RandomnessSource::LogVrf, Some(_)) if state.has_drawing_key() => {
+                Due::Now(RoundStep::Draw(number))
+            }
             (RandomnessSource::Drand(chain), Some(closing)) => {
                 let begins_ms = chain.time_ms(chain.round_after(closing.time_ms));
                 if now_ms >= begins_ms {
@@ -116,7 +118,9 @@ pub fn due(state: &State, config: &Config, now_ms: u64) -> Due {
                     Due::Later(Some(begins_ms))
                 }
             }
-            (RandomnessSource::Witnesses, _) | (_, None) => Due::Later(None),
+            (RandomnessSource::LogVrf | RandomnessSource::Witnesses, _) | (_, None) => {
+                Due::Later(None)
+            }
         },
         Phase::Submitting | Phase::Waiting | Phase::Unspecified => deadline,
     }

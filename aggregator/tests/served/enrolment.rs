@@ -10,6 +10,7 @@ use zk0_protocol::entries::signed::{Enrolment, OperatorDecision, Signed};
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rules::network_rules::EnrolmentRule;
 use zk0_testkit::aggregator::*;
+use zk0_testkit::network::log_keys::later_key;
 
 fn enrolment(network: &Digest, node: &SigningNode) -> Enrolment {
     Enrolment {
@@ -101,17 +102,27 @@ async fn where_a_vote_enrols_the_operator_does_not() -> Test {
     Ok(())
 }
 
+/// A decision of the operator about this node.
+fn decision(network: &Digest, node: &SigningNode, key: &SigningKey) -> OperatorDecision {
+    OperatorDecision {
+        network: *network,
+        operator: NodeId(key.verifying_key().to_bytes()),
+        node: node.id(),
+        suspended: true,
+        number: 0,
+    }
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn the_operator_suspends_a_node_and_ends_that() -> Test {
     let (first, second) = (SigningNode::new(1), SigningNode::new(2));
     let network = Network::start(&[&first, &second], config()).await;
+    let id = network.genesis.network_id();
     let decided = |suspended, number, key: &SigningKey| {
         let decision = OperatorDecision {
-            network: network.genesis.network_id(),
-            operator: NodeId(key.verifying_key().to_bytes()),
-            node: second.id(),
             suspended,
             number,
+            ..decision(&id, &second, key)
         };
         Body::OperatorDecided(Signed::new(decision, key))
     };
@@ -129,5 +140,35 @@ async fn the_operator_suspends_a_node_and_ends_that() -> Test {
     assert_eq!(record(&network, &suspended).await?, receipt);
     record(&network, &decided(false, 1, &log_key())).await?;
     second.register(&network).await?;
+    Ok(())
+}
+
+/// The operator leaves enrolments to the log's key, and keeps its own key offline for all else.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_log_key_of_its_own_enrols_and_does_not_suspend() -> Test {
+    let (first, second) = (SigningNode::new(1), SigningNode::new(2));
+    let mut network = Network::start(&[&first], config()).await;
+    let id = network.genesis.network_id();
+    let later = later_key(1);
+    network.rotate_log_key(later.clone()).await;
+    let enrolled = Enrolment {
+        operator: NodeId(later.verifying_key().to_bytes()),
+        ..enrolment(&id, &second)
+    };
+    enrol(&network, &later, &Signed::new(enrolled, &later)).await?;
+    second.register(&network).await?;
+    first.register(&network).await?;
+    let by_log = decision(&id, &first, &later);
+    let by_log = Body::OperatorDecided(Signed::new(by_log, &later));
+    let request = network.stating(&later, &by_log, Vec::new());
+    let suspended = network.client().await.record(request).await;
+    refused(suspended, Code::FailedPrecondition, "is not the operator");
+    // The open round, if any, has no commitment.
+    let by_operator = decision(&id, &first, &log_key());
+    record(
+        &network,
+        &Body::OperatorDecided(Signed::new(by_operator, &log_key())),
+    )
+    .await?;
     Ok(())
 }

@@ -72,6 +72,9 @@ pub fn describe(entry: &Entry) -> String {
             };
             format!("the operator {done} node {}", signed.statement.node)
         }
+        Body::LogKeyRotated { rotation, .. } => {
+            format!("the operator gave the log the key {}", rotation.statement.with)
+        }
         Body::DeadlinesMoved(moved) => format!(
             "the deadlines of round {} moved by {} ms, after an outage",
             moved.round, moved.by_ms
@@ -190,6 +193,7 @@ pub fn kind(body: &Body) -> &'static str {
         Body::KeyRotated { .. } => "key changed",
         Body::NodeLeft(_) => "left",
         Body::OperatorDecided(_) => "operator's decision",
+        Body::LogKeyRotated { .. } => "log's key changed",
         Body::DeadlinesMoved(_) => "deadlines moved",
         Body::MomentsComputed(_) => "moments",
         Body::FilesLost(_) => "files lost",
@@ -217,7 +221,10 @@ pub fn round(body: &Body) -> Option<u64> {
 /// An entry's round and nodes.
 fn about(body: &Body) -> (Option<u64>, Vec<NodeId>) {
     match body {
-        Body::Genesis(_) | Body::ProposalSettled(_) | Body::DisputeResolved(_) => (None, vec![]),
+        Body::Genesis(_)
+        | Body::LogKeyRotated { .. }
+        | Body::ProposalSettled(_)
+        | Body::DisputeResolved(_) => (None, vec![]),
         Body::NodeEnrolled(enrolled) => (None, vec![enrolled.node]),
         Body::DatasetCommitted(signed) => (None, vec![signed.statement.node]),
         Body::Voted(signed) => (None, vec![signed.statement.voter]),
@@ -370,6 +377,7 @@ pub fn details(body: &Body) -> Vec<(&'static str, String)> {
         | Body::NodeLeft(_)
         | Body::OperatorDecided(_)
         | Body::DeadlinesMoved(_)
+        | Body::LogKeyRotated { .. }
         | Body::ProposalSettled(_)
         | Body::DisputeResolved(_)
         | Body::FilesLost(_)

@@ -238,7 +238,7 @@ impl History {
             }
             Body::CommitmentsClosed(_) | Body::NodeLeft(_) | Body::MomentsComputed(_) => {}
             Body::FilesLost(_) | Body::ContributionLeftOut(_) | Body::OperatorDecided(_) => {}
-            Body::DeadlinesMoved(_) => {}
+            Body::DeadlinesMoved(_) | Body::LogKeyRotated { .. } => {}
             Body::RandomnessDrawn(drawn) => {
                 if let Some(round) = self.rounds.last_mut() {
                     let value = describe::randomness(&drawn.drawing);

@@ -1,6 +1,7 @@
 //! The statement about pruned blobs: whose it is, what it is about, and where it goes.
 
 use super::*;
+use borsh::BorshDeserialize;
 use std::fs;
 use std::time::Duration;
 use zk0_audit::fetch::behind::{LogBehind, Shortfall};
@@ -15,7 +16,9 @@ use zk0_ledger::published::publication::Publication;
 use zk0_ledger::replay::{SaveOptions as KeepState, SavedReplay};
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::pruning::Pruning;
+use zk0_protocol::tlog::key_rotation::LogKeyRotation;
 use zk0_protocol::Signed;
+use zk0_testkit::network::log_keys::*;
 
 /// The statement in `dir`.
 fn statement(dir: &Path) -> Pruning {
@@ -89,6 +92,41 @@ fn only_a_statement_of_the_log_about_rounds_that_had_closed_counts() {
     fails("ROLLED BACK");
     fs::remove_file(dir.join("pruned")).unwrap();
     fails("is missing, and the round has closed");
+}
+
+/// The operator's statement about the key stands beside it.
+#[test]
+fn a_later_key_of_the_log_signs_what_was_pruned() {
+    let (dir, now_ms) = four_rounds();
+    let dir = dir.path();
+    let blobs = Blobs::at(dir);
+    let opened = Ledger::open_to_rotate(dir, None, later_key(1), None, blobs, &mut ());
+    let mut ledger = opened.unwrap();
+    ledger.rotate_key(&log_key(), now_ms).unwrap();
+    let thief = SigningNode::new(7);
+    let by_thief = LogKeyRotation {
+        operator: thief.id(),
+        ..log_rotation(ledger.state(), &thief.key)
+    };
+    let plan = PrunePlan::of(&ledger, &TWO_ROUNDS, now_ms).unwrap();
+    plan.carry_out(&ledger).unwrap();
+    drop(ledger);
+    let (report, _) = audit(dir, Depth::Full);
+    assert_eq!(faults(&report), [] as [&str; 0]);
+    let file = fs::read(dir.join("pruned")).unwrap();
+    let true_one = Signed::<Pruning>::deserialize(&mut &file[..]).unwrap();
+    let of_the_thief = Pruning {
+        operator: thief.id(),
+        ..true_one.statement
+    };
+    let by_thief = borsh::to_vec(&Signed::new(by_thief, &thief.key)).unwrap();
+    let forged = [signed(of_the_thief, &thief.key), by_thief].concat();
+    fs::write(dir.join("pruned"), forged).unwrap();
+    let (report, _) = audit(dir, Depth::Full);
+    let faults = faults(&report);
+    let words = "has not signed the statement about its key";
+    let found = faults.iter().any(|fault| fault.contains(words));
+    assert!(found, "{faults:?}");
 }
 
 #[test]

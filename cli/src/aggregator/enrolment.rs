@@ -38,7 +38,7 @@ pub struct Enrol {
 pub struct OperatorDecides {
     #[command(flatten)]
     network: NetworkChoice,
-    /// The file of the log's signing key.
+    /// The file of the operator's key: the key that founded the network.
     #[arg(long)]
     key: PathBuf,
     /// The node's identity. `zk0 status` shows it.

@@ -1,6 +1,7 @@
 //! `zk0 aggregator init`: founds a network on a policy.
 
 use super::public_samples::PublicSampleOptions;
+use super::rotate_log_key::give;
 use super::rules::{read_rules, CommonRules, LEAST_UPDATE_LIMIT};
 use super::NodeToEnrol;
 use crate::dataset::RecordingName;
@@ -8,6 +9,7 @@ use crate::keys;
 use crate::policy::calibration::{calibrated, samples};
 use crate::policy::PolicySource;
 use anyhow::{bail, Context, Result};
+use ed25519_dalek::SigningKey;
 use std::io::Write;
 use std::path::PathBuf;
 use zk0_aggregator::round::founding::{check_free, check_nodes, enrol, Founding};
@@ -16,6 +18,7 @@ use zk0_argument::claim::most_samples;
 use zk0_circuits::claim::program::verifying_key;
 use zk0_circuits::model::spec::{Dims, EvalSpec};
 use zk0_circuits::{Digest, Mode, WeightsDigest};
+use zk0_ledger::blobs::Blobs;
 use zk0_node::participant::MAX_POLICY_BYTES;
 use zk0_node::recording::agreement;
 use zk0_protocol::entries::member::NodeEnrolled;
@@ -37,6 +40,10 @@ pub struct Init {
     /// The file of the log's signing key, made by `zk0 aggregator keygen`.
     #[arg(long)]
     key: PathBuf,
+    /// Found the network with the operator's key in this file, and give the log the key of --key. The file is made if it does not exist. Keep it
+    /// away from the aggregator: it gives the log another key when that is stolen or lost, and suspends nodes [default: --key is both]
+    #[arg(long, value_name = "FILE")]
+    operator_key: Option<PathBuf>,
     /// Enrol this node. `zk0 node keygen` prints its identity; the name is for people. Repeat the option for more nodes.
     #[arg(long = "node", value_name = "NAME=IDENTITY")]
     nodes: Vec<NodeToEnrol>,
@@ -136,8 +143,10 @@ pub fn found(options: &Init) -> Result<()> {
     rules.check_in(mode).map_err(anyhow::Error::msg)?;
     check_samples(mode, &EvalSpec::new(dims), rules.min_eval_samples)?;
     let nodes: Vec<NodeEnrolled> = options.nodes.iter().map(Into::into).collect();
-    let log_key = key.verifying_key().to_bytes();
-    let known = options.known(log_key, rules.clone(), mode, EvalSpec::new(dims));
+    let operator = options.operator(&key)?;
+    let founder = operator.clone().unwrap_or_else(|| key.clone());
+    let founding_key = founder.verifying_key().to_bytes();
+    let known = options.known(founding_key, rules.clone(), mode, EvalSpec::new(dims));
     // A later refusal would leave a ledger in the way of the corrected command.
     check_nodes(known, &nodes, SystemClock.now_ms())?;
     let evaluation = options.evaluation(&file, dims)?;
@@ -160,6 +169,12 @@ pub fn found(options: &Init) -> Result<()> {
              add --recordings-like with a recording as all of them should be"
         );
     }
+    if operator.is_none() {
+        tracing::warn!(
+            "the log's key is the operator's, too, and lies beside the aggregator: a thief of it has the network. Add --operator-key with a file to \
+             keep elsewhere, or give the log another key later (`zk0 aggregator rotate-log-key`)"
+        );
+    }
     let founding = Founding {
         name: options.name.clone(),
         nonce: keys::random()?,
@@ -174,7 +189,7 @@ pub fn found(options: &Init) -> Result<()> {
     let write_policy = |out: &mut dyn Write| file.write(out).map(|written| written.digest);
     let mut ledger = founding.found(
         &options.dir,
-        key,
+        founder,
         &SystemClock,
         MAX_POLICY_BYTES,
         write_policy,
@@ -189,10 +204,31 @@ pub fn found(options: &Init) -> Result<()> {
             None => "which reads instructions as hashed words",
         }
     );
+    if let (Some(operator), Some(file)) = (operator, &options.operator_key) {
+        drop(ledger);
+        ledger = give(&options.dir, &operator, key, Blobs::at(&options.dir))?;
+        tracing::info!(
+            "the operator's key in {} founded the network, and gave the log its key. Move the file to where the aggregator does not run: nobody else \
+             can give the log another key",
+            file.display()
+        );
+    }
     Ok(enrol(&mut ledger, nodes, &SystemClock)?)
 }
 
 impl Init {
+    /// The operator's own key, if it has one.
+    fn operator(&self, key: &SigningKey) -> Result<Option<SigningKey>> {
+        let Some(file) = &self.operator_key else {
+            return Ok(None);
+        };
+        let operator = keys::read_or_generate(file)?;
+        if operator == *key {
+            bail!("--operator-key and --key name the same key: make another one with `zk0 aggregator keygen`, or leave --operator-key out");
+        }
+        Ok(Some(operator))
+    }
+
     fn source(&self) -> PolicySource {
         match &self.policy {
             Some(path) => PolicySource::Path(path.clone()),

@@ -9,6 +9,7 @@ mod network_edge;
 mod policy_folders;
 mod public_samples;
 mod recordings_like;
+mod rotate_log_key;
 mod rules;
 mod serve;
 
@@ -21,6 +22,7 @@ use crate::keys;
 use anyhow::Result;
 use init::Init;
 use public_samples::MakeSamples;
+use rotate_log_key::RotateLogKey;
 use rules::{CommonRules, LEAST_UPDATE_LIMIT};
 use serve::AggregatorServeOptions;
 use std::path::PathBuf;
@@ -46,6 +48,9 @@ pub enum AggregatorCommand {
     Suspend(OperatorDecides),
     /// End the operator's suspension of a node.
     Reinstate(OperatorDecides),
+    /// Give the log another key, after the present one was stolen or lost, or to keep the founding key offline from now on. The ledger records
+    /// it, and readers, nodes and witnesses follow. Afterwards, the former key signs nothing.
+    RotateLogKey(RotateLogKey),
     /// Make public samples for a network that exists, and keep them among the blobs of its ledger. Each round's result is evaluated on the
     /// public samples that the rules name. This prints the rule that a vote can then put in force (`zk0 governance propose rules`).
     Samples(MakeSamples),
@@ -85,6 +90,7 @@ pub fn run(command: &AggregatorCommand) -> Result<()> {
         AggregatorCommand::Enrol(options) => enrolment::enrol(options)?,
         AggregatorCommand::Suspend(options) => enrolment::decide(options, true)?,
         AggregatorCommand::Reinstate(options) => enrolment::decide(options, false)?,
+        AggregatorCommand::RotateLogKey(options) => rotate_log_key::rotate(options)?,
         AggregatorCommand::Samples(options) => public_samples::make(options)?,
         AggregatorCommand::Certificate { dir, names } => {
             let path = |name: &str| dir.join(name).display().to_string();

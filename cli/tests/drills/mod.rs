@@ -1,6 +1,7 @@
 //! Drills that no other test plays: what happens to a network once in months, and people who mend it with the commands of docs/runbook.md.
 //! `testkit/tests/drills.txt` names all drills.
 
+mod log_keys;
 mod outages;
 mod stolen_keys;
 mod witnesses;
@@ -36,6 +37,15 @@ struct Operated {
 impl Operated {
     /// Founds a network with these governors, whose keys are in files of their names. `change` edits its rules.
     fn found(governors: &[&str], change: impl FnOnce(&mut Value)) -> Self {
+        Self::found_with(&[], governors, change)
+    }
+
+    /// [`Self::found`] with these options of `init` more. Files are in the folder.
+    fn found_with(
+        more: &[(&str, &str)],
+        governors: &[&str],
+        change: impl FnOnce(&mut Value),
+    ) -> Self {
         let mut operated = Self {
             reader: Reader::new(),
             port: OwnPort::take(),
@@ -54,7 +64,12 @@ impl Operated {
         let [ledger, key, file] = ["ledger", "log.key", "founding.json"].map(|n| operated.path(n));
         fs::write(&file, rules.to_string()).unwrap();
         let init = ["aggregator", "init", &ledger, "--name", "drill", "--key"];
-        logs(&[&init[..], &[&*key, "--rules", &file, "--node", &node]].concat());
+        let more = more
+            .iter()
+            .map(|(option, file)| [(*option).to_owned(), operated.path(file)]);
+        let more: Vec<String> = more.flatten().collect();
+        let founding = [&init[..], &[&*key, "--rules", &file, "--node", &node]].concat();
+        logs(&[&founding[..], &words(&more)].concat());
         let Body::Genesis(genesis) = operated.entries().remove(0).body else {
             unreachable!()
         };
@@ -79,11 +94,12 @@ impl Operated {
     }
 
     fn serves_with(&self, more: &[&str], variables: &[(&str, &str)]) -> Serving {
-        let (ledger, key, listen) = (
-            self.path("ledger"),
-            self.path("log.key"),
-            self.port.address(),
-        );
+        self.serves_by("log.key", more, variables)
+    }
+
+    /// The same, with the log's key in this file.
+    fn serves_by(&self, key: &str, more: &[&str], variables: &[(&str, &str)]) -> Serving {
+        let (ledger, key, listen) = (self.path("ledger"), self.path(key), self.port.address());
         let begin = ["aggregator", "serve", &ledger, "--key", &key];
         let begin = [&begin[..], &["--listen", &listen]].concat();
         Serving::start_with(&[&begin[..], more].concat(), variables)
@@ -125,9 +141,15 @@ impl Operated {
     /// Enrols a node through the running aggregator.
     #[track_caller]
     fn enrols(&self, name: &str) {
+        self.enrols_by("log.key", name);
+    }
+
+    /// The same, with the log's key in this file.
+    #[track_caller]
+    fn enrols_by(&self, key: &str, name: &str) {
         let node = self.keygen(name);
         self.succeeds(&format!(
-            "zk0 aggregator enrol $AT --key log.key --node {name}={node}"
+            "zk0 aggregator enrol $AT --key {key} --node {name}={node}"
         ));
     }
 

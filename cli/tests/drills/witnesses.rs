@@ -16,13 +16,13 @@ use zk0_testkit::until;
 const SOON: [&str; 2] = ["--witness-seconds", "1"];
 
 /// Witnesses of one network, each with its own process while it is on.
-struct Witnesses {
+pub(super) struct Witnesses {
     dir: TempDir,
     all: Vec<(String, OwnPort, Option<Serving>)>,
 }
 
 impl Witnesses {
-    fn made(count: usize) -> Self {
+    pub(super) fn made(count: usize) -> Self {
         let dir = tempfile::tempdir().unwrap();
         let all = (0..count).map(|number| {
             let key = dir.path().join(format!("{number}.key"));
@@ -35,7 +35,7 @@ impl Witnesses {
     }
 
     /// The rule that asks for so many of these witnesses.
-    fn policy(&self, of: &[usize], quorum: usize) -> Value {
+    pub(super) fn policy(&self, of: &[usize], quorum: usize) -> Value {
         let line = |number: &usize| {
             let (key, port, _) = &self.all[*number];
             format!("witness W{number} {key} http://{}\n", port.address())
@@ -46,7 +46,7 @@ impl Witnesses {
     }
 
     /// Starts a witness of this network.
-    fn on(&mut self, number: usize, network: &Operated) {
+    pub(super) fn on(&mut self, number: usize, network: &Operated) {
         let log = prints(&["ledger", "vkey", &network.path("ledger")]);
         let path = |name: String| text(&self.dir.path().join(name)).to_owned();
         let (folder, key) = (path(number.to_string()), path(format!("{number}.key")));
@@ -77,7 +77,7 @@ fn found(witnesses: &mut Witnesses, of: &[usize], quorum: usize) -> Operated {
 
 /// Waits until all entries are published.
 #[track_caller]
-fn is_published(network: &Operated) {
+pub(super) fn is_published(network: &Operated) {
     until("all is published", || {
         let status = network.status();
         status["published"] == status["entries"]

@@ -5,7 +5,7 @@ use crate::blobs::error::StoreError;
 use crate::bucket::Bucket;
 use object_store::path::Path as ObjectPath;
 use object_store::Attributes;
-use zk0_protocol::pruning::PRUNING_BYTES;
+use zk0_protocol::pruning::MAX_PRUNING_BYTES;
 
 /// How many bytes of a group are read. A group has fewer.
 const GROUP_BYTES: u64 = 1 << 28;
@@ -59,7 +59,7 @@ impl EntryStore for Bucket {
     }
 
     fn pruned(&self) -> Result<Option<Vec<u8>>, StoreError> {
-        let (what, most) = ("reading what was pruned", PRUNING_BYTES as u64);
+        let (what, most) = ("reading what was pruned", MAX_PRUNING_BYTES as u64);
         self.objects.start(what, &self.pruned_object(), most)
     }
 }

@@ -9,7 +9,8 @@ use crate::blobs::damaged::{CopyError, DamagedBlob};
 use crate::blobs::{BlobError, Blobs};
 use crate::error::{io_error, LedgerError};
 use crate::folder;
-use crate::pruned;
+use crate::pruned::{self, SignedPruning};
+use crate::published::held_entries::HeldEntries;
 use crate::published::reader::{first_entry, PublishedError, PublishedLog};
 use crate::published::source::{LogSource, SourceError};
 use crate::replay::check_network;
@@ -17,22 +18,21 @@ use crate::store::{Store, StoreBatch};
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
-use tlog_tiles::tlog::stored_hash_index;
 use zk0_circuits::Digest;
 use zk0_files::bounded_file;
 use zk0_protocol::entries::codec::EntryError;
 use zk0_protocol::entries::entry::{needs_checkpoint, Body, Entry};
 use zk0_protocol::entries::genesis::Genesis;
-use zk0_protocol::pruning::{Pruning, PRUNING_BYTES};
+use zk0_protocol::log_keys::LogKeys;
+use zk0_protocol::pruning::MAX_PRUNING_BYTES;
 use zk0_protocol::rules::named_blobs::{named_blobs, NamedBlob};
 use zk0_protocol::rules::network_rules::Rules;
 use zk0_protocol::rules::required_witnesses::RequiredWitnesses;
 use zk0_protocol::rules::violation::RuleViolation;
-use zk0_protocol::tlog::checkpoint::{Checkpoint, Parsed};
+use zk0_protocol::tlog::checkpoint::{Checkpoint, KeyedCheckpoint, Parsed};
 use zk0_protocol::tlog::layout::{Resource, TILE_WIDTH};
 use zk0_protocol::tlog::tree::Frontier;
 use zk0_protocol::tlog::witness_policy::WitnessPolicy;
-use zk0_protocol::Signed;
 
 /// The result of mirroring.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -86,6 +86,9 @@ pub enum MirrorError {
     /// The published checkpoint lacks required cosignatures.
     #[error("the published checkpoint lacks cosignatures that the network's rules require: {0}")]
     Witnesses(String),
+    /// A former key of the log has signed the published checkpoint.
+    #[error("the published checkpoint of {size} entries is signed with a former key of the log, which may be stolen: its operator has given the log another key")]
+    FormerKey { size: u64 },
     /// The checkpoint after an entry is not valid.
     #[error("the checkpoint after entry {index}: {why}")]
     Checkpoint { index: u64, why: String },
@@ -157,7 +160,11 @@ pub(crate) fn mirror_with(
     let blobs = Blobs::at(dir);
     // The open database keeps other processes from updating this folder. Unlocked unfinished files are from a killed process.
     blobs.remove_unfinished()?;
-    let (mut tree, mut required) = held(&store)?;
+    let HeldEntries {
+        mut tree,
+        mut required,
+        mut keys,
+    } = HeldEntries::of(&store, &genesis)?;
     let held = tree.size();
     if let Some(text) = folder::read_checkpoint(dir)? {
         let path = folder::checkpoint(dir);
@@ -183,8 +190,17 @@ pub(crate) fn mirror_with(
         let root = tree.root().map_err(LedgerError::from)?;
         log.continues(&Checkpoint { size: held, root })?;
     }
-    extend(&log, &genesis, &store, &mut tree, &mut required)?;
+    extend(
+        &log,
+        &genesis,
+        &store,
+        &mut tree,
+        (&mut required, &mut keys),
+    )?;
     let size = tree.size();
+    if log.signer() != keys.present() {
+        return Err(MirrorError::FormerKey { size });
+    }
     let named = policy.is_some();
     let policy = match policy {
         Some(policy) => policy.clone(),
@@ -232,7 +248,7 @@ pub(crate) fn mirror_with(
 pub(crate) fn keep_pruning(
     dir: &Path,
     genesis: &Genesis,
-    signed: &Signed<Pruning>,
+    signed: &SignedPruning,
     size: u64,
 ) -> Result<(), MirrorError> {
     let entries = signed.statement.entries;
@@ -249,12 +265,12 @@ pub(crate) fn keep_pruning(
 fn served_pruning(
     source: &dyn LogSource,
     genesis: &Genesis,
-) -> Result<Option<Signed<Pruning>>, MirrorError> {
+) -> Result<Option<SignedPruning>, MirrorError> {
     let path = Resource::Pruned.to_string();
     let Some(file) = source.open(&path)? else {
         return Ok(None);
     };
-    let bytes = bounded_file::read_from(file, PRUNING_BYTES as u64)
+    let bytes = bounded_file::read_from(file, MAX_PRUNING_BYTES as u64)
         .map_err(|error| SourceError::new(&path, error.to_string()))?;
     Ok(Some(pruned::decode(&path, &bytes, genesis)?))
 }
@@ -286,30 +302,12 @@ fn has_ruled_policy(dir: &Path, store: &Store) -> Result<bool, MirrorError> {
     Ok(ruled.wants_witnesses() && ruled.text() == folder::read_policy(dir)?.text())
 }
 
-/// The verified tree of the folder's entries, and the witnesses that they require.
-fn held(store: &Store) -> Result<(Frontier, RequiredWitnesses), LedgerError> {
-    let (mut tree, mut required) = (Frontier::default(), RequiredWitnesses::default());
-    for index in 0..store.size()? {
-        let bytes = store.entry(index)?.ok_or(LedgerError::NoEntry(index))?;
-        let hashes = tree.push(&bytes)?;
-        let positions: Vec<u64> = (stored_hash_index(0, index)..).take(hashes.len()).collect();
-        if store.hashes(&positions)?.as_ref() != Some(&hashes) {
-            return Err(LedgerError::BadEntry {
-                index,
-                why: "its tree hashes are missing or wrong".into(),
-            });
-        }
-        required.observe(&Entry::decode(&bytes)?.body);
-    }
-    Ok((tree, required))
-}
-
 fn extend(
     log: &PublishedLog<'_>,
     genesis: &Genesis,
     store: &Store,
     tree: &mut Frontier,
-    required: &mut RequiredWitnesses,
+    (required, keys): (&mut RequiredWitnesses, &mut LogKeys),
 ) -> Result<(), MirrorError> {
     let size = log.checkpoint().size;
     while tree.size() < size {
@@ -321,6 +319,7 @@ fn extend(
             let index = tree.size();
             let body = Entry::decode(entry)?.body;
             required.observe(&body);
+            keys.observe(&body);
             let hashes = tree.push(entry).map_err(LedgerError::from)?;
             batch.entry(index, entry, &hashes);
             let after = Checkpoint {
@@ -330,7 +329,7 @@ fn extend(
             let wrong = |why: String| MirrorError::Checkpoint { index, why };
             match text {
                 Some(text) => {
-                    check_checkpoint(text, genesis, &after).map_err(wrong)?;
+                    check_checkpoint(text, genesis, keys.present(), &after).map_err(wrong)?;
                     batch.checkpoint(after.size, text);
                 }
                 None if after.size == size || needs_checkpoint(&body) => {
@@ -344,13 +343,17 @@ fn extend(
     Ok(())
 }
 
+/// Checks that `key` has signed the checkpoint `found`. It is the log's key there.
 pub(crate) fn check_checkpoint(
     text: &[u8],
     genesis: &Genesis,
+    key: &[u8; 32],
     found: &Checkpoint,
 ) -> Result<(), String> {
-    let signed = Checkpoint::open(text, genesis.origin(), &genesis.log_key)
+    let signed = KeyedCheckpoint::open(text, genesis.origin(), &genesis.log_key)
         .map_err(|error| error.to_string())?;
+    signed.check_key(key)?;
+    let signed = signed.checkpoint;
     if signed == *found {
         Ok(())
     } else {

@@ -4,11 +4,13 @@
 //!   [`export_place`]: where they are written.
 //! - [`source`]: a folder or an address ([`web`]) with a published log; `web_file`: reads a file over HTTP to its end, although connections
 //!   break; `patience`: when it gives up.
-//! - [`reader`]: reads a published log and trusts none of its files; [`mirror`]: makes a ledger's folder of one.
+//! - [`reader`]: reads a published log and trusts none of its files; [`mirror`]: makes a ledger's folder of one;
+//!   `held_entries`: what it knows of those that are there.
 //! - [`http_client`]: sends requests.
 
 pub mod export;
 pub mod export_place;
+mod held_entries;
 pub mod http_client;
 pub mod mirror;
 mod patience;

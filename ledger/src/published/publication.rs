@@ -207,7 +207,7 @@ impl Publication {
                 Some(Content::Bytes(text.into_bytes()))
             }
             Resource::Pruned => pruned::read_signed(&self.dir, &self.genesis)?
-                .map(|signed| Content::Bytes(pruned::encode(&signed))),
+                .map(|signed| Content::Bytes(signed.into_bytes())),
             Resource::Tile(tile) => {
                 tiles::read(&self.store, self.checkpoint.size, tile)?.map(Content::Bytes)
             }

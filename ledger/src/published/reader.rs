@@ -16,7 +16,7 @@ use zk0_protocol::tlog::layout::{
 };
 use zk0_protocol::tlog::tlog_proof::TlogProof;
 use zk0_protocol::tlog::verifier_key::VerifierKey;
-use zk0_protocol::tlog::witness_policy::WitnessPolicy;
+use zk0_protocol::tlog::witness_policy::{WitnessPolicy, Witnessed};
 
 /// Why a published log is not valid.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -65,10 +65,11 @@ pub struct PublishedLog<'a> {
     source: &'a dyn LogSource,
     text: Vec<u8>,
     checkpoint: Checkpoint,
+    signer: [u8; 32],
 }
 
 impl<'a> PublishedLog<'a> {
-    /// Reads the newest checkpoint of the log `key`, which `policy` must accept.
+    /// Reads the newest checkpoint of the log with the founding key `key`, which `policy` must accept.
     pub fn open(
         source: &'a dyn LogSource,
         key: &VerifierKey,
@@ -78,12 +79,17 @@ impl<'a> PublishedLog<'a> {
         let text = source
             .get(&path, MAX_NOTE_BYTES as u64)?
             .ok_or(PublishedError::NoCheckpoint)?;
-        let checkpoint = policy.open(&text, key)?.checkpoint;
+        let Witnessed {
+            checkpoint,
+            key: signer,
+            ..
+        } = policy.open(&text, key)?;
         if (1..=MAX_TREE_SIZE).contains(&checkpoint.size) {
             Ok(Self {
                 source,
                 text,
                 checkpoint,
+                signer,
             })
         } else {
             Err(PublishedError::Size(checkpoint.size))
@@ -93,6 +99,11 @@ impl<'a> PublishedLog<'a> {
     /// The checkpoint.
     pub fn checkpoint(&self) -> Checkpoint {
         self.checkpoint
+    }
+
+    /// The key that signed the checkpoint. Only the entries tell whether it is the log's there.
+    pub fn signer(&self) -> &[u8; 32] {
+        &self.signer
     }
 
     /// The checkpoint's text, with cosignatures.

@@ -7,7 +7,7 @@ use tlog_tiles::tlog::{record_hash, stored_hash_index, Hash};
 use zk0_protocol::entries::authentic::AuthenticEntry;
 use zk0_protocol::entries::known_keys::KnownKeys;
 use zk0_protocol::rules::violation::RuleViolation;
-use zk0_protocol::tlog::checkpoint::Checkpoint;
+use zk0_protocol::tlog::checkpoint::KeyedCheckpoint;
 use zk0_protocol::{Body, Entry, Genesis};
 
 /// The most entries in a chunk.
@@ -35,8 +35,8 @@ pub struct Item {
 
 pub struct StoredCheckpoint {
     pub text: Vec<u8>,
-    /// The checkpoint, if its signature is valid; otherwise why not.
-    pub opened: Result<Checkpoint, String>,
+    /// The checkpoint and its key, if the signature is valid; otherwise why not.
+    pub opened: Result<KeyedCheckpoint, String>,
 }
 
 impl Chunk {
@@ -97,7 +97,7 @@ impl StoredCheckpoint {
     /// Verifies the signature by the log of `genesis`.
     pub fn open(text: Vec<u8>, genesis: Option<&Genesis>) -> Self {
         let opened = match genesis {
-            Some(genesis) => Checkpoint::open(&text, genesis.origin(), &genesis.log_key)
+            Some(genesis) => KeyedCheckpoint::open(&text, genesis.origin(), &genesis.log_key)
                 .map_err(|error| error.to_string()),
             None => Err("no genesis names the key that signs checkpoints".into()),
         };

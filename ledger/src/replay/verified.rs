@@ -13,9 +13,9 @@ use zk0_protocol::entries::entry::needs_checkpoint;
 use zk0_protocol::entries::known_keys::KnownKeys;
 use zk0_protocol::rules::state::State;
 use zk0_protocol::rules::violation::RuleViolation;
-use zk0_protocol::tlog::checkpoint::Checkpoint;
+use zk0_protocol::tlog::checkpoint::{Checkpoint, KeyedCheckpoint};
 use zk0_protocol::tlog::tree::Frontier;
-use zk0_protocol::{Entry, Genesis};
+use zk0_protocol::{Body, Entry, Genesis};
 
 /// Computes something from a history during its verification. The calls come in the order of entries, though from several threads.
 pub trait HistoryFold: Send {
@@ -88,8 +88,12 @@ impl VerifiedHistory {
         let index = whole.saturating_sub(1);
         let text = store.checkpoint(whole)?;
         let signed = text.map(|text| StoredCheckpoint::open(text, Some(self.genesis())));
-        let root = self.root()?;
-        check_checkpoint(signed.as_ref(), &Checkpoint { size: whole, root }, true)
+        let after = Checkpoint {
+            size: whole,
+            root: self.root()?,
+        };
+        let key = self.state.log_keys().present();
+        check_checkpoint(signed.as_ref(), key, &after, true)
             .map_err(|why| Stopped::bad(index, why))?;
         self.checkpoint = signed.map_or_else(Vec::new, |signed| signed.text);
         Ok(())
@@ -181,7 +185,11 @@ impl VerifiedHistory {
             return Ok((tree, UNUSED_ROOT));
         }
         let root = tree.root().map_err(|error| bad(error.to_string()))?;
-        check_checkpoint(signed, &Checkpoint { size, root }, needed).map_err(bad)?;
+        let key = match &item.entry.body {
+            Body::LogKeyRotated { rotation, .. } => &rotation.statement.with.0,
+            _ => self.state.log_keys().present(),
+        };
+        check_checkpoint(signed, key, &Checkpoint { size, root }, needed).map_err(bad)?;
         Ok((tree, root))
     }
 
@@ -199,9 +207,10 @@ impl VerifiedHistory {
     }
 }
 
-/// Checks the checkpoint of `after`'s size, which only `needed` requires within a group.
+/// Checks the checkpoint of `after`'s size, which only `needed` requires within a group. `key` is the log's key there.
 fn check_checkpoint(
     signed: Option<&StoredCheckpoint>,
+    key: &[u8; 32],
     after: &Checkpoint,
     needed: bool,
 ) -> Result<(), String> {
@@ -209,8 +218,10 @@ fn check_checkpoint(
         None if needed => Err("the checkpoint after the entry is missing".into()),
         None => Ok(()),
         Some(Err(why)) => Err(why.clone()),
-        Some(Ok(signed)) if signed == after => Ok(()),
-        Some(Ok(signed)) => Err(format!(
+        Some(Ok(signed)) if signed.checkpoint == *after => signed.check_key(key),
+        Some(Ok(KeyedCheckpoint {
+            checkpoint: signed, ..
+        })) => Err(format!(
             "the checkpoint signs root {} of {} entries, but the first {} entries have root {}",
             signed.root, signed.size, after.size, after.root
         )),

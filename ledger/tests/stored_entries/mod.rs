@@ -1,5 +1,6 @@
 //! The log's entries in a store: what is acknowledged is there, an empty folder is filled from it, and of two writers one is fenced off.
 
+mod log_keys;
 mod memory;
 
 use crate::network::rounds::{copy, ledger_with_a_round};

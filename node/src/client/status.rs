@@ -31,9 +31,7 @@ impl NodeClient {
     pub async fn signed_checkpoint(&mut self) -> Result<(Checkpoint, String), NodeError> {
         let info = self.client.get_network(rpc::GetNetworkRequest {}).await;
         let note = info?.into_inner().checkpoint;
-        let genesis = self.genesis();
-        let checkpoint = Checkpoint::open(note.as_bytes(), genesis.origin(), &genesis.log_key)?;
-        Ok((checkpoint, note))
+        Ok((self.open_checkpoint(note.as_bytes())?, note))
     }
 
     /// Waits until the last round has come further. The first call returns at once.

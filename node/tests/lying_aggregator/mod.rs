@@ -2,6 +2,7 @@
 //! key, and shows the node whatever a test makes up.
 
 mod asking_again;
+mod former_key;
 mod lying;
 mod other_program;
 mod proof_in_time;
@@ -33,9 +34,11 @@ use zk0_protocol::entries::proposal::{Action, Ballot};
 use zk0_protocol::rpc::federation as rpc;
 use zk0_protocol::rpc::federation::federation_server::FederationServer;
 use zk0_protocol::rpc::PROTOCOL;
+use zk0_protocol::tlog::key_rotation::LogKeyRotation;
 use zk0_protocol::{Body, Entry, Receipt, Signed, TlogProof};
 use zk0_testkit::micro_network::{pickplace, Setting};
-use zk0_testkit::network::log::MemoryLog;
+use zk0_testkit::network::log::{MemoryLog, ORIGIN};
+use zk0_testkit::network::log_keys::*;
 use zk0_testkit::network::*;
 use zk0_weights::Format;
 
@@ -46,6 +49,10 @@ struct Told {
     opened: RoundOpened,
     /// The entry that closed the commitments.
     closing: u64,
+    /// The entry that gave the log its later key, if it has one.
+    later_since: Option<u64>,
+    /// Whether the receipts have the founding key's signature even so.
+    by_thief: bool,
 }
 
 impl Told {
@@ -73,7 +80,24 @@ impl Told {
             leaves,
             opened,
             closing,
+            later_since: None,
+            by_thief: false,
         }
+    }
+
+    /// The checkpoint of the first `size` entries, signed with the log's key.
+    fn checkpoint(&self, size: u64) -> Vec<u8> {
+        let checkpoint = MemoryLog::of(&self.leaves[..size as usize]).checkpoint(size);
+        let Some(entry) = self.later_since else {
+            return checkpoint.sign(ORIGIN, &log_key()).unwrap();
+        };
+        let rotation = LogKeyRotation {
+            entry,
+            ..log_rotation(&self.chain.state, &later_key(1))
+        };
+        let rotation = Signed::new(rotation, &log_key());
+        let text = checkpoint.sign_after(ORIGIN, &later_key(1), Some(&rotation));
+        text.unwrap()
     }
 
     /// Records what the rules may forbid.
@@ -86,7 +110,10 @@ impl Told {
 
     /// The receipt of an entry in the tree of the first `size` entries.
     fn receipt(&self, index: u64, size: u64) -> Option<rpc::Receipt> {
-        let receipt: Receipt = MemoryLog::of(&self.leaves[..size as usize]).receipt(index);
+        let mut receipt: Receipt = MemoryLog::of(&self.leaves[..size as usize]).receipt(index);
+        if !self.by_thief {
+            receipt.checkpoint = self.checkpoint(size);
+        }
         Some(receipt.into())
     }
 
@@ -144,8 +171,7 @@ impl Told {
     ) -> (String, JoinHandle<()>) {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let url = format!("http://{}", listener.local_addr().unwrap());
-        let whole = MemoryLog::of(&self.leaves);
-        let checkpoint = whole.receipt(0).checkpoint;
+        let checkpoint = self.checkpoint(self.leaves.len() as u64);
         let lying = Lying {
             genesis: self.leaves[0].clone(),
             checkpoint: String::from_utf8(checkpoint).unwrap(),

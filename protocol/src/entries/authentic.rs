@@ -127,6 +127,10 @@ fn check_body(body: &Body, keys: &KnownKeys) -> Result<(), RuleViolation> {
         Body::Disputed(signed) => verify(signed, keys)?,
         Body::NodeLeft(signed) => verify(signed, keys)?,
         Body::OperatorDecided(signed) => verify(signed, keys)?,
+        Body::LogKeyRotated { rotation, takeover } => {
+            verify(rotation, keys)?;
+            verify(takeover, keys)?;
+        }
         Body::NodeEnrolled(enrolled) => {
             let node = enrolled.node;
             if keys.key(&node).is_none() {

@@ -11,6 +11,7 @@ use crate::entries::signed::{
     Signed, Submission, UpdateCommitment, Vote,
 };
 use crate::rules::network_rules::{Participation, Rules};
+use crate::tlog::key_rotation::{LogKeyRotation, LogKeyTakeover};
 use borsh::{BorshDeserialize, BorshSerialize};
 use zk0_circuits::{Digest, NodeId, WeightsDigest};
 
@@ -90,6 +91,13 @@ pub enum Body {
     OperatorDecided(Signed<OperatorDecision>),
     /// The open round's deadlines moved by an outage.
     DeadlinesMoved(DeadlinesMoved),
+    /// The log's key changed. The new key signs the checkpoint that ends with this entry.
+    LogKeyRotated {
+        /// Signed with the operator's key.
+        rotation: Signed<LogKeyRotation>,
+        /// Signed with the new key.
+        takeover: Signed<LogKeyTakeover>,
+    },
 }
 
 /// The aggregator or its witnesses were away while a round was open.
@@ -207,10 +215,10 @@ pub struct Contributor {
 }
 
 /// Whether the tree that ends with this entry needs a signed checkpoint, even in the middle of a group: witnesses cosign it for a
-/// round's randomness, or its root draws the sample of nodes that may contribute.
+/// round's randomness, its root draws the sample of nodes that may contribute, or it shows that the log has its new key.
 pub fn needs_checkpoint(body: &Body) -> bool {
     match body {
-        Body::CommitmentsClosed(_) => true,
+        Body::CommitmentsClosed(_) | Body::LogKeyRotated { .. } => true,
         Body::RoundOpened(opened) => {
             matches!(opened.rules.participation, Participation::Sampled { .. })
         }

@@ -80,7 +80,8 @@ fn used_after(entry: &Entry) -> Option<NodeId> {
         | Body::MomentsComputed(_)
         | Body::FilesLost(_)
         | Body::ContributionLeftOut(_)
-        | Body::DeadlinesMoved(_) => None,
+        | Body::DeadlinesMoved(_)
+        | Body::LogKeyRotated { .. } => None,
     }
 }
 

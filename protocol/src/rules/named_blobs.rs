@@ -112,6 +112,7 @@ pub fn named_blobs(body: &Body) -> Vec<NamedBlob> {
         | Body::ContributionLeftOut(_)
         | Body::NodeLeft(_)
         | Body::OperatorDecided(_)
-        | Body::DeadlinesMoved(_) => Vec::new(),
+        | Body::DeadlinesMoved(_)
+        | Body::LogKeyRotated { .. } => Vec::new(),
     }
 }

@@ -7,6 +7,7 @@ use crate::entries::genesis::Genesis;
 use crate::entries::member::Standing;
 use crate::entries::program::Program;
 use crate::entries::signed::Evidence;
+use crate::log_keys::LogKeys;
 use crate::rules::basis_points::BPS;
 use crate::rules::closing::server_moments::ServerMoments;
 use crate::rules::network_rules::{Participation, Rules};
@@ -47,6 +48,7 @@ pub struct State {
     pub(crate) results: RoundResults,
     pub(crate) earlier_base: Option<WeightsDigest>,
     pub(crate) moments: Option<ServerMoments>,
+    pub(crate) log_keys: LogKeys,
 }
 
 /// An enrolled node.
@@ -178,6 +180,11 @@ impl State {
     /// The founding document.
     pub fn genesis(&self) -> &Genesis {
         &self.genesis
+    }
+
+    /// The keys that the log has had.
+    pub fn log_keys(&self) -> &LogKeys {
+        &self.log_keys
     }
 
     /// The network's id.
@@ -370,10 +377,10 @@ impl State {
         *self.retired.get(id).unwrap_or(id)
     }
 
-    /// The state's digest: [`tagged_sha256`] of its borsh encoding under `zk0/state/v8`. Equal histories give equal digests.
+    /// The state's digest: [`tagged_sha256`] of its borsh encoding under `zk0/state/v9`. Equal histories give equal digests.
     pub fn digest(&self) -> Digest {
         let bytes = borsh::to_vec(self).expect("writing to a Vec cannot fail");
-        tagged_sha256("zk0/state/v8", &[&bytes])
+        tagged_sha256("zk0/state/v9", &[&bytes])
     }
 }
 

@@ -101,6 +101,18 @@ pub enum RuleViolation {
     /// Somebody else decides as the operator.
     #[error("{0} is not the operator: its key is not the one that the genesis names")]
     NotOperator(NodeId),
+    /// The two halves of a change of the log's key differ.
+    #[error("the log's key cannot become {0}: the new key signed another change")]
+    OtherLogTakeover(NodeId),
+    /// The change of the log's key is for another log.
+    #[error("the operator has signed a new key for the log '{found}', and this is the log '{expected}': sign again")]
+    OtherLog { found: String, expected: String },
+    /// The change of the log's key is for another place in the log.
+    #[error("the operator has signed that entry {entry} changes the log's key, but the next entry is {next}: sign again")]
+    OtherLogKeyEntry { entry: u64, next: u64 },
+    /// The log's new key is in use, or was.
+    #[error("the log's key cannot become {0}: the log, a node or a governor has or had this key; make another one")]
+    UsedKey(NodeId),
     /// The operator's decision has another number.
     #[error("the operator's decision has number {number}, but the next one has number {next}: sign again")]
     OtherDecision { number: u64, next: u64 },

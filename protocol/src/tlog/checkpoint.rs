@@ -1,14 +1,17 @@
-//! Signed checkpoints: C2SP tlog-checkpoint bodies in C2SP signed notes, with one ed25519 signature by the log's key.
+//! Signed checkpoints: C2SP tlog-checkpoint bodies in C2SP signed notes, with one ed25519 signature by the log's key, and, if that is not
+//! the founding key, the operator's statement about it ([`crate::tlog::key_rotation`]).
 //! [`crate::tlog::witness_policy::WitnessPolicy`] opens checkpoints with cosignatures.
 
 use crate::quote::short;
+use crate::signed_statement::Signed;
+use crate::tlog::key_rotation::{self, LogKeyRotation};
 use crate::tlog::verifier_key::{KeyError, Role, VerifierKey};
 use ed25519_dalek::ed25519::signature::Error as SignatureError;
 use ed25519_dalek::{Signer as _, SigningKey};
 use signed_note::{Note, Signer, VerifierList};
 use tlog_tiles::checkpoint::Checkpoint as Body;
 use tlog_tiles::tlog::Hash;
-use zk0_circuits::Digest;
+use zk0_circuits::{Digest, NodeId};
 
 /// Longest checkpoint with only the log's signature, in bytes.
 pub const MAX_CHECKPOINT_BYTES: usize = 4096;
@@ -28,6 +31,17 @@ pub struct Checkpoint {
     pub root: Digest,
 }
 
+/// A valid checkpoint of the log, and who signed it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct KeyedCheckpoint {
+    /// The checkpoint.
+    pub checkpoint: Checkpoint,
+    /// The key that signed it.
+    pub key: [u8; 32],
+    /// The entry that gave the log this key; 0 for the founding key.
+    pub since: u64,
+}
+
 /// Why a text is not a valid checkpoint of the log.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CheckpointError {
@@ -43,6 +57,9 @@ pub enum CheckpointError {
     /// The log's key did not sign it.
     #[error("the checkpoint has no valid signature of the log's key: {0}")]
     Signature(String),
+    /// The operator's statement about the log's key does not count.
+    #[error("the checkpoint's statement about the log's key does not count: {0}")]
+    Rotation(String),
     /// The text is not the only encoding of this checkpoint.
     #[error("the checkpoint is not in its canonical form")]
     NotCanonical,
@@ -66,8 +83,18 @@ impl Checkpoint {
         Ok(body.to_bytes())
     }
 
-    /// Signs the checkpoint. Returns the published text.
+    /// Signs the checkpoint with the founding key. Returns the published text.
     pub fn sign(&self, origin: &str, key: &SigningKey) -> Result<Vec<u8>, CheckpointError> {
+        self.sign_after(origin, key, None)
+    }
+
+    /// Signs the checkpoint with the key that the log has after `rotation`, if any. Returns the published text.
+    pub fn sign_after(
+        &self,
+        origin: &str,
+        key: &SigningKey,
+        rotation: Option<&Signed<LogKeyRotation>>,
+    ) -> Result<Vec<u8>, CheckpointError> {
         let malformed = |error: String| CheckpointError::Malformed(error);
         let mut note =
             Note::new(&self.text(origin)?, &[]).map_err(|error| malformed(error.to_string()))?;
@@ -77,22 +104,53 @@ impl Checkpoint {
         };
         note.add_sigs(&[&signer])
             .map_err(|error| malformed(error.to_string()))?;
-        Ok(note.to_bytes())
+        let mut text = note.to_bytes();
+        if let Some(rotation) = rotation {
+            let founding = log_key(origin, &rotation.statement.operator.0)?;
+            text.extend(key_rotation::line(rotation, &founding).to_bytes());
+        }
+        Ok(text)
     }
 
-    /// Opens a checkpoint of the log `origin`. The text must be its only encoding with one signature, by `log_key`.
-    pub fn open(text: &[u8], origin: &str, log_key: &[u8; 32]) -> Result<Self, CheckpointError> {
+    /// Opens a checkpoint of the log `origin`, founded with the key `founding`. The text must be its only encoding with one signature, by
+    /// that key or by one that the operator gave the log.
+    pub fn open(text: &[u8], origin: &str, founding: &[u8; 32]) -> Result<Self, CheckpointError> {
+        Ok(KeyedCheckpoint::open(text, origin, founding)?.checkpoint)
+    }
+}
+
+impl KeyedCheckpoint {
+    /// [`Checkpoint::open`], with the key that signed.
+    pub fn open(text: &[u8], origin: &str, founding: &[u8; 32]) -> Result<Self, CheckpointError> {
         if text.len() > MAX_CHECKPOINT_BYTES {
             return Err(CheckpointError::Malformed(format!("{} bytes", text.len())));
         }
         let parsed = Parsed::read(text)?;
-        let signatures = parsed.signed_by(&self::log_key(origin, log_key)?)?;
-        // Re-encoded with only the log's signature, it must give the same text.
-        let canonical = Note::new(parsed.note.text(), &signatures).map(|note| note.to_bytes());
+        let signature = parsed.signed_by(&log_key(origin, founding)?)?;
+        // Re-encoded with only the log's lines, it must give the same text.
+        let canonical = Note::new(parsed.note.text(), &signature.lines).map(|note| note.to_bytes());
         if canonical.ok().as_deref() == Some(text) {
-            Ok(parsed.checkpoint)
+            Ok(Self {
+                checkpoint: parsed.checkpoint,
+                key: *signature.key.public(),
+                since: signature.since,
+            })
         } else {
             Err(CheckpointError::NotCanonical)
+        }
+    }
+
+    /// Refuses a signature of another key than `expected`, the log's key there.
+    pub fn check_key(&self, expected: &[u8; 32]) -> Result<(), String> {
+        if self.key == *expected {
+            Ok(())
+        } else {
+            Err(format!(
+                "the checkpoint of {} entries is signed with the key {}, and the log's key there is {}",
+                self.checkpoint.size,
+                NodeId(self.key),
+                NodeId(*expected)
+            ))
         }
     }
 }
@@ -105,6 +163,16 @@ pub struct Parsed {
     pub origin: String,
     /// The claimed size and root.
     pub checkpoint: Checkpoint,
+}
+
+/// The log's signature of a checkpoint.
+pub struct LogSignature {
+    /// The note's lines: the signature, and the operator's statement about a key that is not the founding one.
+    pub lines: Vec<signed_note::Signature>,
+    /// The key that signed.
+    pub key: VerifierKey,
+    /// The entry that gave the log this key; 0 for the founding key.
+    pub since: u64,
 }
 
 impl Parsed {
@@ -136,23 +204,35 @@ impl Parsed {
         })
     }
 
-    /// The log's signature, if `key` validly signed this checkpoint.
-    pub fn signed_by(
-        &self,
-        key: &VerifierKey,
-    ) -> Result<Vec<signed_note::Signature>, CheckpointError> {
-        if self.origin != key.name() {
+    /// The log's signature, if the key that founded the log signed this checkpoint, or the one that the operator gave the log.
+    pub fn signed_by(&self, founding: &VerifierKey) -> Result<LogSignature, CheckpointError> {
+        if self.origin != founding.name() {
             return Err(CheckpointError::OtherOrigin {
                 found: short(&self.origin),
-                expected: key.name().into(),
+                expected: founding.name().into(),
             });
         }
+        let rotation =
+            key_rotation::find(&self.note, founding).map_err(CheckpointError::Rotation)?;
+        let (key, since) = match &rotation {
+            None => (founding.clone(), 0),
+            Some(Signed { statement, .. }) => {
+                let (since, size) = (statement.entry, self.checkpoint.size);
+                if size <= since {
+                    return Err(CheckpointError::Rotation(format!(
+                        "entry {since} gave the log this key, and the checkpoint has only {size} entries"
+                    )));
+                }
+                (log_key(founding.name(), &statement.with.0)?, since)
+            }
+        };
         let keys = VerifierList::new(vec![Box::new(key.clone())]);
-        let (signatures, _) = self
+        let (mut lines, _) = self
             .note
             .verify(&keys)
             .map_err(|error| CheckpointError::Signature(error.to_string()))?;
-        Ok(signatures)
+        lines.extend(rotation.map(|rotation| key_rotation::line(&rotation, founding)));
+        Ok(LogSignature { lines, key, since })
     }
 }
 

@@ -5,6 +5,7 @@ pub mod checkpoint;
 pub mod cosignature;
 pub mod cosigner;
 pub mod decimal;
+pub mod key_rotation;
 pub mod layout;
 pub mod names;
 pub mod receipt;

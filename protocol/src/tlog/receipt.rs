@@ -1,7 +1,7 @@
 //! Receipts: a node's evidence that its entry is in the log.
 
 use crate::entries::codec::EntryError;
-use crate::tlog::checkpoint::{Checkpoint, CheckpointError};
+use crate::tlog::checkpoint::{Checkpoint, CheckpointError, KeyedCheckpoint};
 use crate::Entry;
 use borsh::{BorshDeserialize, BorshSerialize};
 use tlog_tiles::tlog::{check_record, record_hash, Hash};
@@ -35,13 +35,25 @@ pub enum ReceiptError {
 }
 
 impl Receipt {
-    /// Verifies the checkpoint's signature and the inclusion proof. Returns the checkpoint and the entry.
+    /// Verifies the checkpoint's signature and the inclusion proof. Returns the checkpoint and the entry. `founding` is the log's founding
+    /// key.
     pub fn verify(
         &self,
-        log_key: &[u8; 32],
+        founding: &[u8; 32],
         origin: &str,
     ) -> Result<(Checkpoint, Entry), ReceiptError> {
-        let checkpoint = Checkpoint::open(&self.checkpoint, origin, log_key)?;
+        let (signed, entry) = self.verify_keyed(founding, origin)?;
+        Ok((signed.checkpoint, entry))
+    }
+
+    /// [`Receipt::verify`], with the key that signed.
+    pub fn verify_keyed(
+        &self,
+        founding: &[u8; 32],
+        origin: &str,
+    ) -> Result<(KeyedCheckpoint, Entry), ReceiptError> {
+        let signed = KeyedCheckpoint::open(&self.checkpoint, origin, founding)?;
+        let checkpoint = signed.checkpoint;
         let entry = Entry::decode(&self.entry)?;
         let refuse = |why: String| ReceiptError::NotIncluded {
             index: self.index,
@@ -63,6 +75,6 @@ impl Receipt {
             record_hash(&self.entry),
         )
         .map_err(|error| refuse(error.to_string()))?;
-        Ok((checkpoint, entry))
+        Ok((signed, entry))
     }
 }

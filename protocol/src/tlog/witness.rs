@@ -39,6 +39,9 @@ pub enum WitnessRefusal {
     /// The log did not sign the checkpoint.
     #[error("{0}")]
     NotSigned(CheckpointError),
+    /// A former key of the log signed it. It may be stolen.
+    #[error("a former key of the log has signed this checkpoint of {size} entries: entry {since} gave the log another key, and this witness has seen that")]
+    FormerKey { size: u64, since: u64 },
     /// The client is wrong about the witness' last checkpoint.
     #[error("the last checkpoint that this witness cosigned has {last} entries, not {old}")]
     Conflict { last: u64, old: u64 },
@@ -56,7 +59,7 @@ impl WitnessRefusal {
     pub fn status(&self) -> u16 {
         match self {
             Self::Malformed(_) => 400,
-            Self::NotSigned(_) => 403,
+            Self::NotSigned(_) | Self::FormerKey { .. } => 403,
             Self::UnknownLog(_) => 404,
             Self::Conflict { .. } | Self::OtherTree { .. } => 409,
             Self::Inconsistent { .. } => 422,
@@ -117,8 +120,11 @@ pub struct Witness {
 }
 
 struct WatchedLog {
+    /// The founding key. Each checkpoint names the present one.
     key: VerifierKey,
     last: Option<Checkpoint>,
+    /// The entry that gave the log the key of the last checkpoint.
+    since: u64,
 }
 
 /// A checkpoint to cosign. Once it is on disk, [`Witness::record`] makes it the log's last one.
@@ -127,6 +133,8 @@ pub struct AcceptedCheckpoint {
     pub origin: String,
     /// The checkpoint.
     pub checkpoint: Checkpoint,
+    /// The entry that gave the log the key that signed it; 0 for the founding key.
+    pub since: u64,
     /// The cosignature line.
     pub cosignature: Vec<u8>,
     /// The checkpoint with only the log's signature and this cosignature.
@@ -142,13 +150,19 @@ impl Witness {
         }
     }
 
-    /// Watches a log from its last cosigned checkpoint. An origin has one key.
-    pub fn watch(&mut self, key: VerifierKey, last: Option<Checkpoint>) -> Result<(), String> {
+    /// Watches a log from its last cosigned checkpoint. `key` is the log's founding key, and an origin has one. `since` is the entry that gave
+    /// the log the key of the last checkpoint.
+    pub fn watch(
+        &mut self,
+        key: VerifierKey,
+        last: Option<Checkpoint>,
+        since: u64,
+    ) -> Result<(), String> {
         if self.logs.contains_key(key.name()) {
             Err(format!("the log '{}' is named twice", key.name()))
         } else {
-            self.logs
-                .insert(key.name().into(), WatchedLog { key, last });
+            let name = key.name().into();
+            self.logs.insert(name, WatchedLog { key, last, since });
             Ok(())
         }
     }
@@ -173,10 +187,16 @@ impl Witness {
             .logs
             .get(&parsed.origin)
             .ok_or_else(|| WitnessRefusal::UnknownLog(short(&parsed.origin)))?;
-        let signatures = parsed
+        let signature = parsed
             .signed_by(&watched.key)
             .map_err(WitnessRefusal::NotSigned)?;
         let new = parsed.checkpoint;
+        if signature.since < watched.since {
+            return Err(WitnessRefusal::FormerKey {
+                size: new.size,
+                since: watched.since,
+            });
+        }
         if request.old > new.size {
             return Err(WitnessRefusal::Malformed(format!(
                 "the old size, {}, is larger than the checkpoint's, {}",
@@ -192,11 +212,12 @@ impl Witness {
         }
         continues(watched.last.as_ref(), &new, &request.proof)?;
         let cosignature = self.cosigner.cosign(parsed.note.text(), time_s);
-        let note = signed_note::Note::new(parsed.note.text(), &signatures)
+        let note = signed_note::Note::new(parsed.note.text(), &signature.lines)
             .map_err(|error| WitnessRefusal::Malformed(error.to_string()))?;
         Ok(AcceptedCheckpoint {
             origin: parsed.origin,
             checkpoint: new,
+            since: signature.since,
             note: [&note.to_bytes()[..], &cosignature].concat(),
             cosignature,
         })
@@ -206,6 +227,7 @@ impl Witness {
     pub fn record(&mut self, accepted: &AcceptedCheckpoint) {
         if let Some(watched) = self.logs.get_mut(&accepted.origin) {
             watched.last = Some(accepted.checkpoint);
+            watched.since = accepted.since;
         }
     }
 }

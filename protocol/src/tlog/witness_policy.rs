@@ -11,7 +11,7 @@
 //! A policy belongs to a reader, not to the log, so an auditor may be stricter than the aggregator.
 
 use crate::quote::short;
-use crate::tlog::checkpoint::{Checkpoint, CheckpointError, Parsed};
+use crate::tlog::checkpoint::{Checkpoint, CheckpointError, LogSignature, Parsed};
 use crate::tlog::verifier_key::{KeyError, Role, VerifierKey};
 use signed_note::{Verifier, VerifierList};
 use std::collections::BTreeMap;
@@ -48,6 +48,8 @@ pub struct PolicyWitness {
 pub struct Witnessed {
     /// The checkpoint.
     pub checkpoint: Checkpoint,
+    /// The key that signed it: the log's founding one, or one that the operator gave the log.
+    pub key: [u8; 32],
     /// The policy's witnesses that cosigned it, by name, with the time in POSIX seconds.
     pub cosigners: Vec<(String, u64)>,
 }
@@ -162,14 +164,14 @@ impl WitnessPolicy {
         met(&self.quorum, cosigned)
     }
 
-    /// Opens a checkpoint that `log` signed and a quorum cosigned. Signatures of unknown keys are ignored. An invalid signature
-    /// of a known key makes the checkpoint invalid.
+    /// Opens a checkpoint that the log signed and a quorum cosigned. `log` is the log's founding key. Signatures of unknown keys are ignored.
+    /// An invalid signature of a known key makes the checkpoint invalid.
     pub fn open(&self, text: &[u8], log: &VerifierKey) -> Result<Witnessed, CheckpointError> {
         let parsed = Parsed::read(text)?;
-        parsed.signed_by(log)?;
+        let LogSignature { key: signer, .. } = parsed.signed_by(log)?;
         let boxed = |key: &VerifierKey| Box::new(key.clone()) as Box<dyn Verifier>;
         let witnesses = self.witnesses.iter().map(|witness| boxed(&witness.key));
-        let keys = VerifierList::new(std::iter::once(boxed(log)).chain(witnesses).collect());
+        let keys = VerifierList::new(std::iter::once(boxed(&signer)).chain(witnesses).collect());
         let (signatures, _) = parsed
             .note
             .verify(&keys)
@@ -192,6 +194,7 @@ impl WitnessPolicy {
         if self.met_by(&cosigned) {
             Ok(Witnessed {
                 checkpoint: parsed.checkpoint,
+                key: *signer.public(),
                 cosigners,
             })
         } else {

@@ -175,6 +175,7 @@ fn happened(body: &Body, before: &State, after: &State) -> Vec<&'static str> {
             true => vec!["suspended by the operator"],
             false => vec!["reinstated by the operator"],
         },
+        Body::LogKeyRotated { .. } => vec!["another key of the log"],
         Body::DeadlinesMoved(_) => vec!["deadlines moved"],
         Body::MomentsComputed(_) => vec!["moments"],
         Body::FilesLost(_) => vec!["files lost"],

@@ -22,6 +22,7 @@ use zk0_protocol::entries::signed::{
 };
 use zk0_protocol::rules::closing::shares::WHOLE_SHARE;
 use zk0_protocol::rules::network_rules::{Participation, Strategy as Average};
+use zk0_protocol::tlog::key_rotation::{LogKeyRotation, LogKeyTakeover};
 use zk0_protocol::{Body, Entry, Genesis, RefusalCode, Rules, Signed};
 use zk0_testkit::network::*;
 
@@ -248,10 +249,25 @@ fn any_drawing() -> impl Strategy<Value = Drawing> {
     ]
 }
 
+fn any_log_rotation() -> impl Strategy<Value = LogKeyRotation> {
+    (any_network(), any_node(), any_node(), any_u64()).prop_map(
+        |(network, operator, with, entry)| LogKeyRotation {
+            network,
+            log: genesis().name,
+            operator,
+            with,
+            entry,
+        },
+    )
+}
+
 /// Entries in which members govern themselves, or that record the result.
 fn any_governing() -> impl Strategy<Value = Body> {
     let takeover = any_rotation().prop_map(|rotation| KeyTakeover { rotation });
+    let log_takeover = any_log_rotation().prop_map(|rotation| LogKeyTakeover { rotation });
     prop_oneof![
+        (signed(any_log_rotation()), signed(log_takeover))
+            .prop_map(|(rotation, takeover)| Body::LogKeyRotated { rotation, takeover }),
         (signed(any_rotation()), signed(takeover))
             .prop_map(|(rotation, takeover)| Body::KeyRotated { rotation, takeover }),
         signed(any_proposal()).prop_map(Body::Proposed),

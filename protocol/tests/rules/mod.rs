@@ -9,6 +9,7 @@ mod evaluation_sets;
 mod faults;
 mod founding;
 mod full_rounds;
+mod log_keys;
 mod members;
 mod presence;
 mod required_witnesses;

@@ -24,6 +24,7 @@ use zk0_aggregator::round::request_error::RequestError;
 use zk0_aggregator::{Aggregator, Clock, Config, Limits, Polled, Service};
 use zk0_circuits::{Digest, NodeId};
 use zk0_ledger::blobs::Blobs;
+use zk0_ledger::Ledger;
 use zk0_protocol::blob::blob_digest;
 use zk0_protocol::entries::entry::{Body, Entry};
 use zk0_protocol::entries::genesis::Genesis;
@@ -64,6 +65,8 @@ pub struct Network {
     pub keep_rounds: Option<u64>,
     /// Validity of the store's addresses, from the next start.
     pub presigned: Option<Duration>,
+    /// The log's key, from the next start.
+    pub log_key: SigningKey,
     running: Option<(oneshot::Sender<()>, JoinHandle<()>)>,
 }
 
@@ -125,6 +128,7 @@ impl Network {
             blob_cache_bytes: None,
             keep_rounds: None,
             presigned: None,
+            log_key: log_key(),
             running: None,
         }
     }
@@ -197,11 +201,27 @@ impl Network {
         }
     }
 
+    /// Ends the aggregator, gives the log another key, and starts it again.
+    pub async fn rotate_log_key(&mut self, key: SigningKey) {
+        self.stop().await;
+        self.service = None;
+        let dir = self.dir.path();
+        let opened = until_async("the database is free", async || {
+            let blobs = (self.kept)(dir);
+            Ledger::open_to_rotate(dir, None, key.clone(), None, blobs, &mut ()).ok()
+        });
+        let mut ledger = opened.await;
+        ledger.rotate_key(&log_key(), START_MS).unwrap();
+        drop(ledger);
+        self.log_key = key;
+        self.start_again().await;
+    }
+
     fn open(&self) -> Result<Aggregator, RequestError> {
         Aggregator::open_with(
             self.dir.path(),
             Some(&self.genesis.network_id()),
-            log_key(),
+            self.log_key.clone(),
             self.clock.clone(),
             self.config,
             (self.kept)(self.dir.path()),

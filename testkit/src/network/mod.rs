@@ -2,6 +2,7 @@
 
 pub mod beacon;
 pub mod log;
+pub mod log_keys;
 pub mod votes;
 
 use ed25519_dalek::SigningKey;

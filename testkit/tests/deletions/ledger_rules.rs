@@ -7,6 +7,8 @@ const ROUNDS: &str = "protocol/src/rules/apply/rounds.rs";
 const RANDOMNESS: &str = "protocol/src/rules/apply/randomness.rs";
 const RESULTS: &str = "protocol/src/rules/apply/results.rs";
 const MEMBERS: &str = "protocol/src/rules/apply/members.rs";
+const LOG_KEY: &str = "protocol/src/rules/apply/log_key.rs";
+const KEY_ROTATION: &str = "protocol/src/tlog/key_rotation.rs";
 const OUTAGES: &str = "protocol/src/rules/apply/outages.rs";
 const LOST: &str = "protocol/src/rules/apply/lost_files.rs";
 const VOTES: &str = "protocol/src/rules/apply/votes.rs";
@@ -159,6 +161,29 @@ pub const REMOVALS: &[Removal] = &[
     protocol("an open change of the rules follows a governor to its new key", MEMBERS,
         skipped!("                    rules.governance.rename(old, new);"),
         "a_governor_keeps_its_votes_and_its_weight_under_another_key"),
+    protocol("nobody but the operator gives the log another key", LOG_KEY, never!("rotation.operator.0 != self.genesis.log_key"),
+        "a_stolen_key_gives_the_log_no_other_key"),
+    protocol("the operator has the key that it gives the log", LOG_KEY, never!("takeover.rotation != *rotation"),
+        "the_operator_has_the_key_that_it_gives_the_log"),
+    protocol("a change of the log's key is for one log", LOG_KEY, never!("rotation.log != self.genesis.origin()"),
+        "a_change_for_another_network_or_log_is_refused"),
+    protocol("a change of the log's key counts once", LOG_KEY, never!("rotation.entry != self.entries"),
+        "a_change_of_the_logs_key_counts_once_and_at_its_place"),
+    protocol("nobody else has the log's new key", LOG_KEY,
+        never!("self.log_keys.have(&with.0) || self.is_used(&with) || self.governs(&with)"),
+        "the_logs_new_key_is_nobody_elses_and_none_that_it_had"),
+    protocol("the operator does not choose among keys that draw", RANDOMNESS,
+        instead!("self.log_keys.at(round.entry.saturating_add(1))", "self.log_keys.present()"),
+        "a_round_has_the_randomness_of_the_key_that_opened_it"),
+    protocol("a checkpoint names a later key as the operator does", KEY_ROTATION, never!("rotation.operator.0 != *founding.public()"),
+        "a_later_key_needs_the_operators_statement"),
+    protocol("the operator has signed what a checkpoint states of its key", KEY_ROTATION,
+        instead!("signed.verify().map_err(|error| error.to_string())?", "&signed.statement"),
+        "a_later_key_needs_the_operators_statement"),
+    protocol("a later key is of one log", KEY_ROTATION, never!("rotation.log != founding.name()"),
+        "a_later_key_signs_no_earlier_checkpoint_and_for_no_other_log"),
+    protocol("a later key signs no earlier checkpoint", "protocol/src/tlog/checkpoint.rs", never!("size <= since"),
+        "a_later_key_signs_no_earlier_checkpoint_and_for_no_other_log"),
     protocol("nobody but the operator suspends without a vote", MEMBERS, never!("decision.operator.0 != self.genesis.log_key"),
         "only_the_operator_decides_and_each_decision_counts_once"),
     protocol("a decision of the operator counts once", MEMBERS, never!("number != self.next_decision"),

@@ -282,12 +282,14 @@ impl Aggregator {
     }
 
     fn check_enrolment(&self, sent: &SentStatement) -> Result<(), RequestError> {
-        let (ours, genesis) = (*self.state().network(), self.state().genesis());
+        let (ours, state) = (*self.state().network(), self.state());
+        // The operator leaves enrolments to the log's key, if that is another one.
+        let operators = [&state.genesis().log_key, state.log_keys().present()];
         match sent.enrols_in {
             Some(claimed) if claimed != ours => {
                 Err(RefusalCode::WrongNetwork { claimed, ours }.into())
             }
-            Some(_) if sent.signer.0 != genesis.log_key => {
+            Some(_) if !operators.contains(&&sent.signer.0) => {
                 Err(RequestError::NotOperator(sent.signer))
             }
             _ => Ok(()),

@@ -106,7 +106,7 @@ fn target(name: &str) -> Target {
             let mut witness = Witness::new(cosigner());
             let shelf = Shelf::of(&leaves());
             witness
-                .watch(log_vkey(), Some(shelf.checkpoint(3)))
+                .watch(log_vkey(), Some(shelf.checkpoint(3)), 0)
                 .unwrap();
             Target {
                 seeds: vec![add_checkpoint(&shelf)],

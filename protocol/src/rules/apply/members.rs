@@ -46,7 +46,7 @@ impl State {
     }
 
     /// Whether a key belongs or belonged to a node; then no other can have it.
-    fn is_used(&self, key: &NodeId) -> bool {
+    pub(super) fn is_used(&self, key: &NodeId) -> bool {
         self.nodes.contains_key(key) || self.retired.contains_key(key)
     }
 

@@ -3,6 +3,7 @@
 //!
 //! - this file: founding, versions, time, and the dispatch of entries;
 //! - [`members`]: nodes, keys, datasets;
+//! - [`log_key`]: another key of the log;
 //! - [`rounds`]: openings, commitments, decisions, closings;
 //! - [`moments`]: the final moments of a round by FedAdam;
 //! - [`randomness`]: the closing of commitments, and the challenges' randomness;
@@ -12,6 +13,7 @@
 //! - [`disputes`]: disputes about accepted contributions.
 
 mod disputes;
+mod log_key;
 mod lost_files;
 mod members;
 mod moments;
@@ -34,6 +36,7 @@ use crate::entries::member::Standing;
 use crate::entries::program::Program;
 use crate::entries::refusal::code::RefusalCode;
 use crate::entries::refusal::Refusal;
+use crate::log_keys::LogKeys;
 use crate::rules::recent_updates::Updates;
 use crate::rules::round_results::RoundResults;
 use crate::rules::state::State;
@@ -75,6 +78,7 @@ impl State {
             earlier_base: None,
             moments: None,
             next_decision: 0,
+            log_keys: LogKeys::of(genesis),
             genesis: genesis.clone(),
         })
     }
@@ -144,6 +148,9 @@ impl State {
             Body::ContributionLeftOut(lost) => self.check_left_out(lost, now),
             Body::OperatorDecided(signed) => self.check_decision(&signed.statement),
             Body::DeadlinesMoved(moved) => self.check_moved(moved, now),
+            Body::LogKeyRotated { rotation, takeover } => {
+                self.check_log_key(&rotation.statement, &takeover.statement)
+            }
         }
     }
 
@@ -186,6 +193,7 @@ impl State {
             Body::ContributionLeftOut(lost) => self.leave_out(lost),
             Body::OperatorDecided(signed) => self.decide_standing(&signed.statement),
             Body::DeadlinesMoved(moved) => self.move_deadlines(moved),
+            body @ Body::LogKeyRotated { .. } => self.log_keys.observe(body),
         }
         self.entries = index.saturating_add(1);
         self.time_ms = now;

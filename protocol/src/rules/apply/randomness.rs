@@ -111,7 +111,7 @@ impl State {
         let context = DrawContext {
             rules: &self.rules,
             origin: self.genesis.origin(),
-            log_key: &self.genesis.log_key,
+            log_key: self.drawing_key(round),
             closing,
             recorded_ms: time_ms,
         };
@@ -120,6 +120,18 @@ impl State {
             round: number,
             error,
         })
+    }
+
+    /// The key whose function draws a round's randomness: the log's at the opening. Otherwise the operator could choose among keys once it knows
+    /// commitments.
+    fn drawing_key(&self, round: &Round) -> &[u8; 32] {
+        self.log_keys.at(round.entry.saturating_add(1))
+    }
+
+    /// Whether the log still has the key that draws the open round's randomness by its function.
+    pub fn has_drawing_key(&self) -> bool {
+        let mut open = self.round.iter();
+        open.all(|round| self.drawing_key(round) == self.log_keys.present())
     }
 
     pub(super) fn draw(&mut self, drawn: &RandomnessDrawn, index: u64, now: u64) {

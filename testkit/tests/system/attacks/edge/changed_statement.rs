@@ -17,7 +17,7 @@ pub const ATTACK: Attack = Attack {
         check: "signatures cover every byte of a statement, and of the request that carries it",
         out: &[
             SourceChange {
-                file: "protocol/src/entries/signed.rs",
+                file: "protocol/src/signed_statement.rs",
                 replacements: &[(
                     "            Err(_) => Err(SignatureError::Mismatch(node, T::TAG)),\n",
                     "            Err(_) if OUT => Ok(&self.statement),

@@ -1,0 +1,220 @@
+//! A log goes on under another key, here and on an empty folder. Copies follow it, and a former key signs nothing.
+
+use super::*;
+use crate::network::log_keys::*;
+use ed25519_dalek::SigningKey;
+use zk0_ledger::published::export::export;
+use zk0_ledger::published::mirror::{mirror, MirrorError};
+use zk0_ledger::published::publication::Publication;
+use zk0_ledger::published::source::FolderSource;
+use zk0_ledger::store::{Store, StoreBatch};
+use zk0_ledger::Blobs;
+use zk0_protocol::tlog::checkpoint::KeyedCheckpoint;
+
+fn opened(dir: &Path, key: SigningKey, blobs: Blobs) -> Result<Ledger, LedgerError> {
+    Ledger::open_to_rotate(dir, None, key, None, blobs, &mut ())
+}
+
+/// Gives the log in `dir` this key.
+fn rotates(dir: &Path, key: SigningKey) -> Ledger {
+    let mut ledger = opened(dir, key, Blobs::at(dir)).unwrap();
+    ledger.rotate_key(&log_key(), T0 + 2).unwrap();
+    ledger
+}
+
+fn signed(text: &[u8]) -> KeyedCheckpoint {
+    let founding = genesis().log_key;
+    KeyedCheckpoint::open(text, &genesis().name, &founding).unwrap()
+}
+
+fn key_of(text: &[u8]) -> [u8; 32] {
+    signed(text).key
+}
+
+/// The newest checkpoint of the ledger, signed with the founding key by somebody who has stolen it.
+fn by_thief(ledger: &Ledger) -> Vec<u8> {
+    let checkpoint = signed(ledger.checkpoint()).checkpoint;
+    checkpoint.sign(&genesis().name, &log_key()).unwrap()
+}
+
+#[test]
+fn a_log_goes_on_under_another_key() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut ledger = ledger_with_a_round(dir.path());
+    let before = ledger.receipt(1).unwrap();
+    let old_size = ledger.size();
+    grow(&mut ledger, 5..6);
+    drop(ledger);
+    for number in [1, 2] {
+        let key = later_key(number);
+        let mut ledger = rotates(dir.path(), key.clone());
+        assert_eq!(key_of(ledger.checkpoint()), public(&key).0);
+        grow(&mut ledger, 5 + number..6 + number);
+        assert_eq!(key_of(ledger.checkpoint()), public(&key).0);
+        drop(ledger);
+        let ledger = Ledger::open(dir.path(), None, key).unwrap();
+        let founder = genesis();
+        let (founding, origin) = (&founder.log_key, founder.origin());
+        ledger
+            .receipt(ledger.size() - 1)
+            .unwrap()
+            .verify(founding, origin)
+            .unwrap();
+        // What the former key signed stays.
+        assert_eq!(ledger.receipt_at(old_size, 1).unwrap(), before);
+        before.verify(founding, origin).unwrap();
+    }
+    let report = replay(dir.path(), None, &mut ());
+    assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
+}
+
+#[test]
+fn a_former_key_opens_no_ledger() {
+    let dir = tempfile::tempdir().unwrap();
+    founded(dir.path());
+    drop(rotates(dir.path(), later_key(1)));
+    let signed = folder::read_checkpoint(dir.path()).unwrap();
+    let refused = Ledger::open(dir.path(), None, log_key()).map(drop);
+    assert!(
+        matches!(refused, Err(LedgerError::FormerKey(_))),
+        "{refused:?}"
+    );
+    let refused = Ledger::open(dir.path(), None, later_key(2)).map(drop);
+    assert!(
+        matches!(refused, Err(LedgerError::OtherKey(_))),
+        "{refused:?}"
+    );
+    assert_eq!(folder::read_checkpoint(dir.path()).unwrap(), signed);
+}
+
+#[test]
+fn nothing_is_signed_for_a_thief_or_twice() {
+    let dir = tempfile::tempdir().unwrap();
+    founded(dir.path());
+    drop(rotates(dir.path(), later_key(1)));
+    let signed = folder::read_checkpoint(dir.path()).unwrap();
+    let opened = |key| opened(dir.path(), key, Blobs::at(dir.path())).unwrap();
+    let mut ledger = opened(later_key(2));
+    let refused = ledger.rotate_key(&later_key(1), T0 + 3).unwrap_err();
+    assert!(
+        matches!(refused, LedgerError::NotOperatorsKey(_)),
+        "{refused}"
+    );
+    // The log does not have this key.
+    let refused = ledger.append(T0 + 3, enrolled(0)).unwrap_err();
+    assert!(matches!(refused, LedgerError::OtherKey(_)), "{refused}");
+    drop(ledger);
+    let refused = opened(later_key(1))
+        .rotate_key(&log_key(), T0 + 3)
+        .unwrap_err();
+    assert!(
+        refused.to_string().contains("make another one"),
+        "{refused}"
+    );
+    // A running ledger signs nothing with the key that it has no more.
+    let mut ledger = Ledger::open(dir.path(), None, later_key(1)).unwrap();
+    let rotated = log_rotated_to(ledger.state(), &later_key(3));
+    let refused = ledger.append(T0 + 3, rotated).unwrap_err();
+    assert!(matches!(refused, LedgerError::FormerKey(_)), "{refused}");
+    drop(ledger);
+    assert_eq!(folder::read_checkpoint(dir.path()).unwrap(), signed);
+}
+
+#[test]
+fn an_empty_folder_goes_on_under_a_new_key() {
+    let grown = Grown::new();
+    let other = grown.other();
+    let blobs = Blobs::in_store(&other, Box::new(grown.memory.clone())).unwrap();
+    let mut ledger = opened(&other, later_key(1), blobs).unwrap();
+    ledger.rotate_key(&log_key(), T0 + 2).unwrap();
+    grow(&mut ledger, 6..8);
+    drop(ledger);
+    let held = grown.memory.entries();
+    // The folder from before the change goes on with the new key, and the former key with none.
+    for dir in [grown.dir(), &grown.other.path().join("third")] {
+        let refused = grown.memory.open(dir).map(drop).unwrap_err();
+        let is_known = matches!(
+            refused,
+            LedgerError::FormerKey(_) | LedgerError::EntriesOfOther { .. }
+        );
+        assert!(is_known, "{refused}");
+        let ledger = grown.memory.open_as(dir, later_key(1)).unwrap();
+        assert_eq!(ledger.size(), held.len() as u64);
+    }
+    assert_eq!(grown.memory.entries(), held);
+}
+
+/// A thief has the former key, and writes into the bucket.
+#[test]
+fn entries_from_the_store_have_the_key_of_their_place() {
+    let grown = Grown::new();
+    let blobs = Blobs::in_store(grown.dir(), Box::new(grown.memory.clone())).unwrap();
+    let mut ledger = opened(grown.dir(), later_key(1), blobs).unwrap();
+    ledger.rotate_key(&log_key(), T0 + 2).unwrap();
+    let first = ledger.size();
+    grow(&mut ledger, 6..7);
+    let by_thief = by_thief(&ledger);
+    drop(ledger);
+    grown.memory.change(|kept| {
+        let last = kept.groups.get_mut(&first).unwrap();
+        let mut entries = decode(last).unwrap();
+        entries[0].checkpoint = Some(by_thief);
+        *last = encode(&entries);
+    });
+    founded(&grown.other());
+    let refused = grown.memory.open_as(&grown.other(), later_key(1)).map(drop);
+    let refused = refused.unwrap_err();
+    assert!(refused.is_of_stored_entries(), "{refused}");
+    assert!(
+        refused.to_string().contains("the log's key there is"),
+        "{refused}"
+    );
+}
+
+#[test]
+fn a_mirror_follows_another_key_and_refuses_the_former_one() {
+    let scratch = tempfile::tempdir().unwrap();
+    let at = |name: &str| scratch.path().join(name);
+    let (dir, out, copy) = (at("ledger"), at("export"), at("mirror"));
+    founded(&dir);
+    let mirrored = || {
+        export(&Publication::open(&dir, None).unwrap(), &out).unwrap();
+        mirror(&FolderSource::at(&out), &copy, None, None)
+    };
+    mirrored().unwrap();
+    drop(rotates(&dir, later_key(1)));
+    assert_eq!(mirrored().unwrap().entries, 2);
+    let mut ledger = Ledger::open(&dir, None, later_key(1)).unwrap();
+    grow(&mut ledger, 0..2);
+    assert_eq!(mirrored().unwrap().entries, 4);
+    let report = replay(&copy, None, &mut ());
+    assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
+    // A thief publishes the same tree with the former key.
+    fs::write(out.join("checkpoint"), by_thief(&ledger)).unwrap();
+    let refused = mirror(&FolderSource::at(&out), &copy, None, None).unwrap_err();
+    assert!(
+        matches!(refused, MirrorError::FormerKey { size: 4 }),
+        "{refused}"
+    );
+}
+
+/// A replay finds it, whatever else is in the ledger.
+#[test]
+fn a_checkpoint_of_a_former_key_is_a_fault_in_a_replay() {
+    let dir = tempfile::tempdir().unwrap();
+    founded(dir.path());
+    let mut ledger = rotates(dir.path(), later_key(1));
+    grow(&mut ledger, 0..1);
+    let by_thief = by_thief(&ledger);
+    drop(ledger);
+    let store = Store::open(&folder::database(dir.path())).unwrap();
+    let mut batch = StoreBatch::default();
+    batch.checkpoint(3, &by_thief);
+    store.commit(batch).unwrap();
+    drop(store);
+    fs::write(folder::checkpoint(dir.path()), &by_thief).unwrap();
+    let report = replay(dir.path(), None, &mut ());
+    assert_eq!(report.verdict, Verdict::Failed);
+    let fault = &report.findings.last().unwrap().text;
+    assert!(fault.contains("the log's key there is"), "{fault}");
+}

@@ -1,0 +1,54 @@
+//! The newest key of the log that a node has seen. A thief who has the former one signs nothing for it.
+
+use crate::client_error::NodeError;
+use std::sync::atomic::{AtomicU64, Ordering};
+use zk0_protocol::tlog::checkpoint::KeyedCheckpoint;
+
+/// The entry that gave the log its newest key.
+#[derive(Debug, Default)]
+pub(super) struct SeenKeys(AtomicU64);
+
+impl SeenKeys {
+    /// Takes a checkpoint that the log has signed, unless it came after the log had another key.
+    pub fn take(&self, signed: &KeyedCheckpoint) -> Result<(), NodeError> {
+        let since = self.0.fetch_max(signed.since, Ordering::Relaxed);
+        let size = signed.checkpoint.size;
+        if signed.since < since && size > since {
+            Err(NodeError::FormerKey { size, since })
+        } else {
+            Ok(())
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use zk0_circuits::Digest;
+    use zk0_protocol::Checkpoint;
+
+    #[test]
+    fn a_former_key_signs_nothing_later() {
+        let keys = SeenKeys::default();
+        let signed = |size, since| KeyedCheckpoint {
+            checkpoint: Checkpoint {
+                size,
+                root: Digest([0; 32]),
+            },
+            key: [0; 32],
+            since,
+        };
+        keys.take(&signed(20, 0)).unwrap();
+        keys.take(&signed(12, 10)).unwrap();
+        // A receipt from before the change.
+        keys.take(&signed(10, 0)).unwrap();
+        let refused = keys.take(&signed(11, 0)).unwrap_err();
+        assert!(matches!(
+            refused,
+            NodeError::FormerKey {
+                size: 11,
+                since: 10
+            }
+        ));
+    }
+}
