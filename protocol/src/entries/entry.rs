@@ -27,7 +27,7 @@ pub const MAX_ENTRY_BYTES: usize = u16::MAX as usize;
 pub struct Entry {
     /// [`ENTRY_VERSION`].
     pub version: u16,
-    /// Unix milliseconds: when what a member sent arrived, else when the aggregator recorded it. Times never decrease.
+    /// Unix milliseconds: when what a member sent arrived, else when the aggregator recorded it. At least the time of the entry before.
     pub time_ms: u64,
     /// What happened.
     pub body: Body,

@@ -5,6 +5,7 @@ mod operator;
 mod programs;
 mod proposals;
 mod restoring;
+mod strategies;
 mod votes;
 
 use zk0_protocol::entries::proposal::Action;
