@@ -185,10 +185,7 @@ fn put(
     Ok(store.put_pruned(&signed.bytes).map_err(BlobError::from)?)
 }
 
-fn stored(
-    store: &dyn EntryStore,
-    genesis: &Genesis,
-) -> Result<Option<SignedPruning>, LedgerError> {
+fn stored(store: &dyn EntryStore, genesis: &Genesis) -> Result<Option<SignedPruning>, LedgerError> {
     let bytes = store.pruned().map_err(BlobError::from)?;
     let from = format!("{}/pruned", store.place());
     bytes
