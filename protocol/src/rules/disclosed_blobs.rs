@@ -2,6 +2,7 @@
 
 use crate::entries::entry::Body;
 use crate::rules::named_blobs::named_blobs;
+use borsh::{BorshDeserialize, BorshSerialize};
 use std::collections::BTreeSet;
 use std::mem;
 use zk0_circuits::Digest;
@@ -17,9 +18,10 @@ pub enum BlobAccess {
     Unknown,
 }
 
-/// A log's blobs, gathered entry by entry.
-#[derive(Clone, Debug, Default)]
+/// A log's blobs, gathered entry by entry. Its encoding leaves out the public ones, which grow without end.
+#[derive(Clone, Debug, Default, BorshSerialize, BorshDeserialize)]
 pub struct DisclosedBlobs {
+    #[borsh(skip)]
     public: BTreeSet<Digest>,
     held_back: BTreeSet<Digest>,
 }
@@ -48,6 +50,13 @@ impl DisclosedBlobs {
             BlobAccess::HeldBack
         } else {
             BlobAccess::Unknown
+        }
+    }
+
+    /// Forgets public blobs that the caller keeps elsewhere.
+    pub fn forget(&mut self, public: &[Digest]) {
+        for blob in public {
+            self.public.remove(blob);
         }
     }
 
