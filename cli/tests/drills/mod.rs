@@ -1,6 +1,7 @@
 //! Drills that no other test plays: what happens to a network once in months, and people who mend it with the commands of docs/runbook.md.
 //! `testkit/tests/drills.txt` names all drills.
 
+mod long_history;
 mod outages;
 mod stolen_keys;
 mod witnesses;
