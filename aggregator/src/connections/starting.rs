@@ -1,14 +1,16 @@
 //! What the gRPC port answers while an aggregator starts, which may take minutes on a long ledger: how far it is, and when to ask again.
-//! Health checks get `NOT_SERVING`.
+//! Health checks get `NOT_SERVING`, and so does `/health` beside the metrics.
 
 use crate::connections::limits::ConnectionLimits;
 use crate::connections::serving::Serving;
 use crate::connections::windows::Windows;
 use crate::observe::connections::ConnectionMetrics;
+use crate::publish::http::{self, HttpLimits};
 use crate::start_progress::StartProgress;
 use axum::response::Response as Answer;
 use hyper_util::rt::{TokioExecutor, TokioTimer};
 use hyper_util::server::conn::auto::Builder;
+use std::future::pending;
 use std::io;
 use std::net::TcpListener as SystemListener;
 use std::sync::Arc;
@@ -20,6 +22,7 @@ use tokio::sync::oneshot;
 use tokio_stream::Once;
 use tonic::service::Routes;
 use tonic::{Code, Request, Response, Status};
+use zk0_metrics::endpoint;
 use zk0_protocol::rpc::federation::{turned_down::Remedy, TurnedDown};
 use zk0_protocol::rpc::health::health_check_response::ServingStatus;
 use zk0_protocol::rpc::health::health_server::{Health, HealthServer};
@@ -42,26 +45,39 @@ pub struct StartingServer {
 }
 
 impl StartingServer {
-    /// Answers on `listener`, which stays open for the aggregator.
+    /// Answers on `listener`, and on that of the metrics. Both stay open for the aggregator.
     ///
     /// # Errors
     /// The system has no more threads or open files.
     pub fn begin(
         listener: &SystemListener,
+        metrics: Option<&SystemListener>,
         certificate: Option<&Arc<ServerCertificate>>,
-        progress: Arc<StartProgress>,
+        progress: StartProgress,
     ) -> io::Result<Self> {
         let listener = listener.try_clone()?;
+        let metrics = metrics.map(SystemListener::try_clone).transpose()?;
         let runtime = runtime::Builder::new_current_thread()
             .enable_all()
             .build()?;
         let (stop, stopped) = oneshot::channel::<()>();
         let acceptor = certificate.map(|certificate| certificate.acceptor("h2"));
         let answering = async move {
-            let listener = match TcpListener::from_std(listener) {
-                Ok(listener) => listener,
+            let registered = TcpListener::from_std(listener);
+            let metrics = metrics.map(TcpListener::from_std).transpose();
+            let (listener, metrics) = match registered.and_then(|one| Ok((one, metrics?))) {
+                Ok(listeners) => listeners,
                 Err(error) => return tracing::warn!("nothing answers before the start: {error}"),
             };
+            if let Some(metrics) = metrics {
+                let router = endpoint::router(progress.clone());
+                tokio::spawn(http::serve(
+                    metrics,
+                    router,
+                    HttpLimits::default(),
+                    pending(),
+                ));
+            }
             let mut protocol = Builder::new(TokioExecutor::new()).http2_only();
             protocol
                 .http2()
@@ -113,8 +129,7 @@ fn turned_down(progress: &StartProgress) -> Status {
         remedy: Remedy::AskAgain.into(),
         after_ms: AFTER_MS,
     };
-    let sentence = format!("the aggregator starts, and {progress}: ask again");
-    details.status(Code::Unavailable, sentence)
+    details.status(Code::Unavailable, format!("{progress}: ask again"))
 }
 
 struct StartingHealth;

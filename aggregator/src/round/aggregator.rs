@@ -129,7 +129,7 @@ impl Aggregator {
         config: Config,
         blobs: Blobs,
     ) -> Result<Self, RequestError> {
-        let progress = Arc::default();
+        let progress = StartProgress::default();
         Self::open_noting(dir, network, key, clock, config, blobs, progress)
     }
 
@@ -141,7 +141,7 @@ impl Aggregator {
         clock: Arc<dyn Clock>,
         config: Config,
         blobs: Blobs,
-        progress: Arc<StartProgress>,
+        progress: StartProgress,
     ) -> Result<Self, RequestError> {
         let public = folder::public(dir);
         let mut reader = IndexFold::new(public.clone(), progress);

@@ -8,7 +8,6 @@ use crate::start_progress::StartProgress;
 use borsh::{BorshDeserialize, BorshSerialize};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-use std::sync::Arc;
 use zk0_circuits::vm::digest::tagged_sha256;
 use zk0_circuits::{Digest, NodeId};
 use zk0_ledger::folder;
@@ -203,7 +202,7 @@ pub struct IndexFold {
     public: PathBuf,
     /// How many entries the kept state covers from which it went on.
     kept: u64,
-    progress: Arc<StartProgress>,
+    progress: StartProgress,
 }
 
 impl HistoryFold for IndexFold {
@@ -250,7 +249,7 @@ impl HistoryFold for IndexFold {
 
 impl IndexFold {
     /// For the ledger whose public blobs are kept in `public`. Notes its progress.
-    pub fn new(public: PathBuf, progress: Arc<StartProgress>) -> Self {
+    pub fn new(public: PathBuf, progress: StartProgress) -> Self {
         Self {
             index: LedgerIndex::default(),
             accepted: Vec::new(),

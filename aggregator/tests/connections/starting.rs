@@ -1,7 +1,7 @@
 //! The port answers before the aggregator has read its ledger.
 
 use crate::Test;
-use std::sync::Arc;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
 use tonic::transport::Endpoint;
 use tonic::Code;
@@ -19,8 +19,9 @@ use zk0_protocol::rpc::health::HealthCheckRequest;
 async fn a_start_answers_how_far_it_is_and_when_to_ask_again() -> Test {
     let listener = listen(([127, 0, 0, 1], 0).into())?.into_std()?;
     let address = listener.local_addr()?;
-    let progress = Arc::new(StartProgress::default());
-    let starting = StartingServer::begin(&listener, None, progress.clone())?;
+    let metrics = listen(([127, 0, 0, 1], 0).into())?.into_std()?;
+    let progress = StartProgress::default();
+    let starting = StartingServer::begin(&listener, Some(&metrics), None, progress.clone())?;
     let channel = Endpoint::try_from(format!("http://{address}"))?
         .connect()
         .await?;
@@ -47,8 +48,17 @@ async fn a_start_answers_how_far_it_is_and_when_to_ask_again() -> Test {
     let first = watched.message().await?.ok_or("no status")?;
     assert_eq!(first.status(), ServingStatus::NotServing);
 
+    let mut stream = TcpStream::connect(metrics.local_addr()?).await?;
+    let asks = b"GET /health HTTP/1.1\r\nhost: here\r\nconnection: close\r\n\r\n";
+    stream.write_all(asks).await?;
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).await?;
+    assert!(answer.starts_with("HTTP/1.1 503"), "{answer}");
+    let far = "10 of 10 entries are verified";
+    assert!(answer.contains(far), "{answer}");
+
     // Then the aggregator has the port, with those who wait.
-    drop((client, health, watched));
+    drop((client, health, watched, stream));
     tokio::task::spawn_blocking(move || drop(starting)).await?;
     let waiting = TcpStream::connect(address).await?;
     let (_, peer) = TcpListener::from_std(listener)?.accept().await?;

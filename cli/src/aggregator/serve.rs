@@ -139,8 +139,14 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
     let certificate = options.edge.certificate()?;
     let (limits, log_limits) = options.edge.limits(options.log_listen.is_some());
     let (listener, address) = listening_early(options.listen)?;
-    let progress = Arc::new(StartProgress::default());
-    let starting = StartingServer::begin(&listener, certificate.as_ref(), progress.clone())?;
+    let metrics = options.metrics.metrics.map(listening_early).transpose()?;
+    let progress = StartProgress::default();
+    let starting = StartingServer::begin(
+        &listener,
+        metrics.as_ref().map(|(listener, _)| listener),
+        certificate.as_ref(),
+        progress.clone(),
+    )?;
     tracing::info!("the ledger is verified, and {address} answers how far that is");
     let aggregator = Aggregator::open_noting(
         &options.dir,
@@ -166,7 +172,6 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
         let mut stop = Box::pin(interrupted());
         // All addresses are bound before the log names one.
         let log_listener = listening_if(options.log_listen)?;
-        let metrics_listener = listening_if(options.metrics.metrics)?;
         let network = *aggregator.state().network();
         let checkpoint = aggregator.ledger().checkpoint().to_vec();
         let reader = aggregator.ledger().reader().clone();
@@ -213,6 +218,10 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
         // The service answers those who come from now on.
         spawn_blocking(move || drop(starting)).await?;
         let listener = TcpListener::from_std(listener)?;
+        let metrics_listener = match metrics {
+            Some((listener, address)) => Some((TcpListener::from_std(listener)?, address)),
+            None => None,
+        };
         tracing::info!(listening = %address, "the aggregator of network {network} listens on {address}");
         let troubles = service.troubles().clone();
         let log = log_listener.map(|listener| {
