@@ -27,19 +27,22 @@ pub struct DisclosedBlobs {
 }
 
 impl DisclosedBlobs {
-    /// Adds the next entry.
-    pub fn observe(&mut self, body: &Body) {
+    /// Adds the next entry. Returns the blobs that it makes public.
+    pub fn observe(&mut self, body: &Body) -> Vec<Digest> {
+        let mut disclosed = Vec::new();
         if let Body::RoundClosed(_) = body {
-            // One by one: `append` would rebuild the set each round.
-            self.public.extend(mem::take(&mut self.held_back));
+            disclosed.extend(mem::take(&mut self.held_back));
         }
         for blob in named_blobs(body) {
             if blob.kind.is_private_at_first() {
-                self.held_back.insert(blob.digest)
+                self.held_back.insert(blob.digest);
             } else {
-                self.public.insert(blob.digest)
-            };
+                disclosed.push(blob.digest);
+            }
         }
+        // One by one: `append` would rebuild the set each round.
+        self.public.extend(&disclosed);
+        disclosed
     }
 
     /// Who may read `blob` now.
