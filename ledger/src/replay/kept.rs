@@ -146,20 +146,22 @@ fn read(
     if *saved.network() != found || network.is_some_and(|network| *network != found) {
         return Err(format!("it is of network {}", saved.network()));
     }
-    let statement = signed.verify().map_err(|error| error.to_string())?;
+    let verified = signed.verify().map(drop);
+    verified.map_err(|error| error.to_string())?;
+    let statement = signed.statement;
     if statement.build != *build {
         return Err("another build of zk0 wrote it".into());
     }
     let (size, root) = (saved.size, saved.root);
     let content = StateStatement {
         log_key: NodeId(genesis.log_key),
-        build: *build,
+        build: statement.build,
         size,
         root,
         state: saved.state.digest(),
         fold: fold_digest(&kept),
     };
-    if *statement != content {
+    if statement != content {
         return Err("the log's key has not signed what is in it".into());
     }
     let tree = store.known_tree(&Checkpoint { size, root });

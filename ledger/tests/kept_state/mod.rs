@@ -168,19 +168,22 @@ fn a_kept_state_that_the_logs_key_has_not_signed_does_not_count() {
     let path = folder::state(dir.path());
     let written = fs::read(&path).unwrap();
     let line = written.iter().position(|byte| *byte == b'\n').unwrap() + 1;
-    let change = |from: &[u8], to: &[u8]| {
+    let place = |what: &[u8]| {
+        let mut places = written[line + 32..].windows(what.len());
+        places.rposition(|part| part == what).unwrap()
+    };
+    let change = |at: usize| {
         let mut rest = written[line + 32..].to_vec();
-        let at = rest.windows(from.len()).rposition(|part| part == from);
-        let at = at.expect("the file has it");
-        rest[at..at + to.len()].copy_from_slice(to);
+        rest[at] ^= 1;
         let digest = Sha256::digest(&rest);
         let changed = [&written[..line], &digest[..], &rest[..]].concat();
         fs::write(&path, changed).unwrap();
         drop(replays(dir.path(), Some(BUILD)));
     };
-    // The rules in force, and what the fold keeps. Both files have their SHA-256.
-    change(b"governor 2", b"governor 9");
-    change(KEPT, b"another");
+    // A governor's name, what the fold keeps, and the signature. Each file has its SHA-256.
+    change(place(b"governor 2"));
+    change(place(KEPT));
+    change(place(KEPT) - 5);
     // A damaged file has another SHA-256.
     let last = written.len() - 1;
     for at in [0, line, line + 32, last] {
