@@ -129,13 +129,6 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
         min_nodes: options.min_nodes,
     };
     let key = keys::read(&options.key)?;
-    let blobs = options.store.blobs(&options.dir)?;
-    if options.presigned_uploads && !blobs.takes_sent() {
-        let address = blobs.store_address().unwrap_or_default();
-        bail!(
-            "--presigned-uploads needs a bucket that signs addresses (s3://, gs:// or az://), and --blob-store {address} is a folder: leave --presigned-uploads out, or use a bucket"
-        );
-    }
     let certificate = options.edge.certificate()?;
     let (limits, log_limits) = options.edge.limits(options.log_listen.is_some());
     let (listener, address) = listening_early(options.listen)?;
@@ -147,7 +140,14 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
         certificate.as_ref(),
         progress.clone(),
     )?;
-    tracing::info!("the ledger is verified, and {address} answers how far that is");
+    let blobs = options.store.blobs(&options.dir)?;
+    if options.presigned_uploads && !blobs.takes_sent() {
+        let address = blobs.store_address().unwrap_or_default();
+        bail!(
+            "--presigned-uploads needs a bucket that signs addresses (s3://, gs:// or az://), and --blob-store {address} is a folder: leave --presigned-uploads out, or use a bucket"
+        );
+    }
+    tracing::info!("the aggregator starts: until the ledger is verified, {address} answers how far that is");
     let aggregator = Aggregator::open_noting(
         &options.dir,
         None,
