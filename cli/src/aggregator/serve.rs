@@ -147,7 +147,9 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
             "--presigned-uploads needs a bucket that signs addresses (s3://, gs:// or az://), and --blob-store {address} is a folder: leave --presigned-uploads out, or use a bucket"
         );
     }
-    tracing::info!("the aggregator starts: until the ledger is verified, {address} answers how far that is");
+    tracing::info!(
+        "the aggregator starts: until the ledger is verified, {address} answers how far that is"
+    );
     let aggregator = Aggregator::open_noting(
         &options.dir,
         None,
