@@ -9,7 +9,8 @@
 //!   ([`publish::witness_server`]), and clients of witnesses ([`publish::cosigning`]) and of servers of beacons ([`publish::beacon`]).
 //! - [`connections`]: a bounded number of connections for both servers (their certificates are in `zk0_service::tls`); [`observe`]:
 //!   metrics, status and trouble; `file_parts`: files sent in parts; `store_reads`: downloads of
-//!   what is only in the blob store, as `growing_file`s; `line`: a bounded queue; `turns`: one turn at a time for each key.
+//!   what is only in the blob store, as `growing_file`s; `line`: a bounded queue; `turns`: one turn at a time for each key;
+//!   [`start_progress`]: how far a start is.
 //!
 //! The decision on a submission and the end of a round are pure functions of [`zk0_verifier`].
 
@@ -22,6 +23,7 @@ pub mod observe;
 pub mod publish;
 pub mod round;
 pub mod serve;
+pub mod start_progress;
 mod store_reads;
 mod turns;
 

@@ -4,10 +4,10 @@ use crate::certificate::{keep_current, scheme, CertificateOptions};
 use anyhow::{bail, Context, Result};
 use std::future::Future;
 use std::io::ErrorKind;
-use std::net::SocketAddr;
+use std::net::{SocketAddr, TcpListener as SystemListener};
 use std::time::Duration;
 use tokio::net::TcpListener;
-use tokio::runtime::Runtime;
+use tokio::runtime::{self, Runtime};
 use zk0_aggregator::connections::listening;
 use zk0_aggregator::publish::http::{self, HttpLimits, Router};
 
@@ -38,6 +38,15 @@ pub fn listening(listen: SocketAddr) -> Result<(TcpListener, SocketAddr)> {
     };
     let address = listener.local_addr()?;
     Ok((listener, address))
+}
+
+/// [`listening`], where no runtime runs yet.
+pub fn listening_early(listen: SocketAddr) -> Result<(SystemListener, SocketAddr)> {
+    let runtime = runtime::Builder::new_current_thread().enable_io().build();
+    let runtime = runtime.context("starting the runtime")?;
+    let _entered = runtime.enter();
+    let (listener, address) = listening(listen)?;
+    Ok((listener.into_std()?, address))
 }
 
 /// [`listening`], if there is an address.

@@ -375,12 +375,13 @@ fn pruning_says_what_goes_before_it_goes() {
     assert!(after.contains(line), "{after}");
     let note = "note         the log's operator has pruned the updates of rounds 0 to 1, the proofs of rounds 0 to 1 (signed";
     assert!(after.contains(note), "{after}");
-    // So does an aggregator that starts. This one ends at once, because its port is in use.
+    // So does an aggregator that starts. This one ends at once, because the port of its log is in use.
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
-    let listen = taken.local_addr().unwrap().to_string();
+    let log = taken.local_addr().unwrap().to_string();
     let serve = ["aggregator", "serve", text(&dir), "--key", text(&key)];
+    let serve = [&serve[..], &["--listen", "127.0.0.1:0"]].concat();
     let repeated = "how the updates of rounds 0 to 1 were combined cannot be computed again";
-    fails(&[&serve[..], &["--listen", &listen]].concat(), repeated);
+    fails(&[&serve[..], &["--log-listen", &log]].concat(), repeated);
     // The six updates never were in this folder.
     let reported = prints(&["ledger", "fsck", text(&dir)]);
     let note = "12 such blobs are not in this folder";

@@ -26,7 +26,7 @@ use self::error::io_error;
 use self::store::IndexedStore;
 use sha2::{Digest as _, Sha256};
 use std::collections::BTreeMap;
-use std::fs::{self, File};
+use std::fs::{self, DirEntry, File};
 use std::io::{self, Read, Write};
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
@@ -105,6 +105,14 @@ impl Blobs {
     }
 
     fn all_here(&self) -> Result<Vec<(Digest, u64)>, BlobError> {
+        self.each_here(|file| Ok(file.metadata()?.len()))
+    }
+
+    /// The complete blobs here, each with what is read of its file.
+    fn each_here<T>(
+        &self,
+        read: impl Fn(&DirEntry) -> io::Result<T>,
+    ) -> Result<Vec<(Digest, T)>, BlobError> {
         let folder = self.folder();
         let found = match fs::read_dir(&folder) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
@@ -115,8 +123,8 @@ impl Blobs {
             let file = file.map_err(io_error(&folder))?;
             let name = file.file_name();
             if let Some(digest) = name.to_str().and_then(|name| name.parse().ok()) {
-                let about = file.metadata().map_err(io_error(&file.path()))?;
-                blobs.push((digest, about.len()));
+                let about = read(&file).map_err(io_error(&file.path()))?;
+                blobs.push((digest, about));
             }
         }
         Ok(blobs)

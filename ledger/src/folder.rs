@@ -40,6 +40,16 @@ pub fn alive(dir: &Path) -> PathBuf {
     dir.join("alive")
 }
 
+/// The path of the writer's kept state ([`crate::replay::KeptState`]).
+pub fn state(dir: &Path) -> PathBuf {
+    dir.join("state")
+}
+
+/// The path of the public blobs' digests, which belong to the kept state.
+pub fn public(dir: &Path) -> PathBuf {
+    dir.join("public")
+}
+
 /// Until when an aggregator ran, in Unix milliseconds, if known.
 pub fn read_alive(dir: &Path) -> Option<u64> {
     let text = read(&alive(dir), 20).ok()??;

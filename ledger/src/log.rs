@@ -11,6 +11,7 @@
 //! | `pruned` | which blobs are no longer kept ([`crate::pruned`]) |
 //! | `policy` | the witness policy ([`zk0_protocol::tlog::witness_policy`]) |
 //! | `cosigned` | with a policy, the newest checkpoint with its quorum of cosignatures: the published one |
+//! | `state`, `public/` | what an aggregator keeps for its next start ([`crate::replay::KeptState`]); it may be deleted |
 
 use crate::blobs::error::{BlobError, StoreError};
 use crate::blobs::Blobs;
@@ -19,7 +20,7 @@ use crate::error::{io_error, LedgerError};
 use crate::folder;
 use crate::group::{check_key, group, TrialState, WantedEntry};
 use crate::pruned;
-use crate::replay::{continuing, HistoryFold};
+use crate::replay::{continuing, HistoryFold, KeptState};
 use crate::store::reader::LedgerReader;
 use crate::store::{Store, StoreBatch};
 use crate::stored_entries;
@@ -139,7 +140,7 @@ impl Ledger {
 
     /// [`Ledger::open`], with blobs perhaps kept in a store. Puts blobs and entries there that are only in the folder. Takes entries from
     /// there that are only in the store, all of them if the folder has no ledger. `fold` takes each verified entry, so that the history is
-    /// read once.
+    /// read once, or goes on from a kept state ([`Ledger::kept_state`]).
     pub fn open_with(
         dir: &Path,
         network: Option<&Digest>,
@@ -410,6 +411,12 @@ impl Ledger {
             None if self.poisoned => Err(LedgerError::Poisoned),
             None => Ok(()),
         }
+    }
+
+    /// The state after the last entry, for the next opening by this build, with what its fold keeps.
+    pub fn kept_state(&self, build: Digest, fold: Vec<u8>) -> KeptState {
+        let verified = (self.state.clone(), self.tree.clone());
+        KeptState::new(&self.dir, build, verified, fold, self.key.clone())
     }
 
     pub(crate) fn sign<T: SignableStatement>(&self, statement: T) -> Signed<T> {

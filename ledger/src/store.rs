@@ -1,6 +1,8 @@
 //! The log on disk: a database of entries, their tree's hashes, and a signed checkpoint where a group ended ([`crate::group`]). It is
 //! RocksDB's, or plain files from a build without it.
 
+#[cfg(feature = "rocksdb")]
+pub mod digest_set;
 mod engine;
 mod on_files;
 #[cfg(feature = "rocksdb")]

@@ -1,7 +1,8 @@
 //! A blob has the digest in its name and keeps to its limit, or it does not exist.
 
 use crate::network::{digest, genesis, log_key, T0};
-use std::fs;
+use std::fs::{self, File};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use zk0_ledger::{BlobError, Blobs, Ledger};
 use zk0_protocol::blob::blob_digest;
 
@@ -232,4 +233,24 @@ fn damaged_blobs_are_removed_and_unreadable_ones_are_named() {
     };
     assert_eq!(named.blob, unreadable);
     assert!(named.to_string().contains("is damaged"), "{named}");
+}
+
+#[test]
+fn a_folder_that_has_not_changed_is_told_from_one_that_has() {
+    let dir = tempfile::tempdir().unwrap();
+    let blobs = Blobs::at(dir.path());
+    assert_eq!(blobs.changed(), None);
+    blobs.put(b"one").unwrap();
+    let folder = File::open(dir.path().join("blobs/sha256")).unwrap();
+    let set = |time| folder.set_modified(time).unwrap();
+    let past = UNIX_EPOCH + Duration::from_secs(1_700_000_000);
+    set(past);
+    let before = blobs.changed();
+    assert_eq!(before, Some(past));
+    assert_eq!(blobs.changed(), before);
+    blobs.put(b"two").unwrap();
+    assert_ne!(blobs.changed(), before);
+    // What changes at the same time as somebody looks must not be overlooked.
+    set(SystemTime::now() + Duration::from_secs(60));
+    assert_eq!(blobs.changed(), None);
 }

@@ -5,6 +5,7 @@ mod durability;
 mod failing_fs;
 mod faults;
 mod groups;
+mod kept_state;
 mod network;
 mod other_implementations;
 mod power_loss;

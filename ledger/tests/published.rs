@@ -1,6 +1,8 @@
 //! Tiles and bundles, and the reader that verifies them. The tests compare with another implementation of RFC 6962, and use servers
 //! that lie.
 
+mod new_blobs;
+
 use crate::network::log::{log_vkey, ORIGIN};
 use crate::network::shelf::*;
 use crate::network::votes::*;

@@ -3,6 +3,7 @@
 mod control_variates;
 mod curves;
 mod last_step;
+mod lerobot_updates;
 pub mod prepared_claim;
 pub mod proving;
 mod room;
@@ -305,12 +306,10 @@ impl Turn<'_> {
         base.update(format, config, trained)
     }
 
-    /// LeRobot reads this form. The node itself does not need the file.
     fn keep_for_lerobot(&self, update: &QuantisedWeights) -> Result<(), ParticipantError> {
         let (config, format) = (self.entered.config, &self.entered.format);
-        let name = format!("round-{}.safetensors", self.opened.round);
         let lerobots = dequantise_weights(config, format.spec(), update)?;
-        state_files::write(&self.state.join(name), &lerobots.to_safetensors()?)
+        lerobot_updates::keep(self.state, self.opened.round, &lerobots.to_safetensors()?)
     }
 
     /// Downloads the weights that the round starts from.

@@ -4,6 +4,7 @@
 //! - [`limits`]: how many connections there may be, and how long they may idle.
 //! - [`places`]: who holds a place; [`crowds`]: whose place a newcomer gets when all are taken.
 //! - [`serving`]: accepts, closes and drains connections; [`windows`]: how many bytes may come before the service takes them.
+//! - [`starting`]: what the port answers before the aggregator does.
 //! - [`caller`]: who sends a request, by its signed head.
 //! - [`request_limits`]: bounded requests, whose messages arrive in time and fit into the [`message_memory`]; [`message_body`]: the
 //!   messages of one request; [`answer_body`]: the answer, until it is sent.
@@ -20,5 +21,6 @@ pub mod open_files;
 pub(crate) mod places;
 pub(crate) mod request_limits;
 pub(crate) mod serving;
+pub mod starting;
 pub(crate) mod transfers;
 pub(crate) mod windows;

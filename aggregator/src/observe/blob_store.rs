@@ -4,7 +4,8 @@ use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::Duration;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, SystemTime};
 use zk0_ledger::blobs::usage::{Amount, StoreOperation};
 use zk0_ledger::blobs::Blobs;
 use zk0_service::metrics::registry::{gauged, MetricRegistry};
@@ -13,6 +14,8 @@ type Labels<const COUNT: usize> = [(&'static str, &'static str); COUNT];
 
 #[derive(Clone, Default)]
 pub(super) struct BlobMetrics {
+    /// When the folder had changed last, at the last look at its files.
+    looked: Arc<Mutex<Option<SystemTime>>>,
     blobs: Family<Labels<1>, Gauge>,
     bytes: Family<Labels<1>, Gauge>,
     operations: Family<Labels<2>, Counter>,
@@ -68,17 +71,23 @@ impl BlobMetrics {
         self.uploads.get_or_create(&[("from", from)]).inc();
     }
 
-    /// Takes the present values. Reads the folder.
+    /// Takes the present values. Reads the folder if it has changed.
     pub fn take(&self, blobs: &Blobs) {
         let held = |place: &'static str, amount: Amount| {
             let label = [("are", place)];
             self.blobs.get_or_create(&label).set(gauged(amount.blobs));
             self.bytes.get_or_create(&label).set(gauged(amount.bytes));
         };
-        // If the folder cannot be read, the last numbers stay.
-        if let Ok(here) = blobs.here() {
-            held("here", here);
+        let mut looked = self.looked.lock().unwrap_or_else(PoisonError::into_inner);
+        let changed = blobs.changed();
+        if changed.is_none() || changed != *looked {
+            // If the folder cannot be read, the last numbers stay.
+            if let Ok(here) = blobs.here() {
+                held("here", here);
+                *looked = changed;
+            }
         }
+        drop(looked);
         let (Some(stored), Some(usage)) = (blobs.stored(), blobs.usage()) else {
             return;
         };
@@ -104,5 +113,35 @@ impl BlobMetrics {
                 moved.inner().store(count.bytes, Ordering::Relaxed);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs::{self, File};
+    use std::time::UNIX_EPOCH;
+
+    #[test]
+    fn the_files_are_looked_at_when_the_folder_has_changed() {
+        let dir = tempfile::tempdir().unwrap();
+        let blobs = Blobs::at(dir.path());
+        let metrics = BlobMetrics::default();
+        let shown = || {
+            metrics.take(&blobs);
+            metrics.blobs.get_or_create(&[("are", "here")]).get()
+        };
+        blobs.put(b"one").unwrap();
+        let path = dir.path().join("blobs/sha256");
+        let folder = File::open(&path).unwrap();
+        let past = UNIX_EPOCH + Duration::from_secs(1_700_000_000);
+        folder.set_modified(past).unwrap();
+        assert_eq!(shown(), 1);
+        // This one could be seen only by a look at the files.
+        fs::write(path.join("00".repeat(32)), "two").unwrap();
+        folder.set_modified(past).unwrap();
+        assert_eq!(shown(), 1);
+        blobs.put(b"three").unwrap();
+        assert_eq!(shown(), 3);
     }
 }

@@ -1,5 +1,6 @@
 //! Accepted contributions, verified again on the state before them.
 
+use borsh::{BorshDeserialize, BorshSerialize};
 use std::num::NonZero;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread::{self, available_parallelism};
@@ -18,7 +19,7 @@ use zk0_verifier::{
 pub type VerificationResult = Result<Result<VerifiedContribution, Refusal>, Unreadable<BlobError>>;
 
 /// An acceptance, and what verification reads of the state before it.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, BorshSerialize, BorshDeserialize)]
 pub struct Accepted {
     submission: Signed<Submission>,
     context: ClaimContext,

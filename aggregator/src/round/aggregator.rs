@@ -8,18 +8,21 @@ use crate::clock::Clock;
 use crate::round::accepted::Accepted;
 use crate::round::intake::arrivals::Arrivals;
 use crate::round::intake::staging::Staging;
-use crate::round::ledger_index::{FromLedger, IndexFold, LedgerIndex, RoundEntries};
+use crate::round::ledger_index::{encoded, FromLedger, IndexFold, LedgerIndex, RoundEntries};
 use crate::round::presence::Presence;
 use crate::round::request_error::RequestError;
+use crate::start_progress::StartProgress;
 use ed25519_dalek::SigningKey;
 use std::collections::{BTreeSet, HashSet};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use zk0_circuits::{Digest, NodeId};
 use zk0_ledger::blobs::error::StoreError;
 use zk0_ledger::blobs::Blobs;
 use zk0_ledger::log::Ledger;
-use zk0_ledger::pruned;
+use zk0_ledger::replay::{this_build, KeptState};
+use zk0_ledger::store::digest_set::DigestSet;
+use zk0_ledger::{folder, pruned};
 use zk0_protocol::entries::authentic::AuthenticBody;
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::genesis::Genesis;
@@ -31,6 +34,9 @@ use zk0_protocol::rules::state::State;
 use zk0_protocol::tlog::receipt::Receipt;
 use zk0_verifier::releases::{can_verify, releases};
 use zk0_verifier::{Evaluation, ProgramKey, VerifiedContribution};
+
+/// After how many entries the state is kept again: a start replays about as many.
+const KEPT_APART: u64 = 4096;
 
 /// How the operator runs the network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -63,6 +69,43 @@ pub struct Aggregator {
     pub(super) asked_witnesses: Option<u64>,
     /// The blobs that are being deleted.
     pub(super) doomed: BTreeSet<Digest>,
+    /// The public blobs when the state was kept, which grow without end.
+    older_public: Option<Arc<DigestSet>>,
+    /// How many entries the kept state covers; 0 if there is none.
+    kept: u64,
+}
+
+/// What the next start goes on from.
+pub struct StateToKeep {
+    state: KeptState,
+    public: Vec<Digest>,
+    older_public: Option<Arc<DigestSet>>,
+    path: PathBuf,
+}
+
+impl StateToKeep {
+    /// Writes it, durably: the public blobs first, because more than the state's do no harm.
+    pub fn write(mut self) -> Result<WrittenState, RequestError> {
+        let set = match self.older_public.take() {
+            Some(set) => set,
+            None => Arc::new(DigestSet::create(&self.path)?),
+        };
+        set.extend(&self.public, self.state.size())?;
+        let written = self.state.write();
+        written.map_err(|error| RequestError::Internal(error.to_string()))?;
+        Ok(WrittenState {
+            kept: self.state.size(),
+            public: self.public,
+            set,
+        })
+    }
+}
+
+/// What is on disk for the next start.
+pub struct WrittenState {
+    kept: u64,
+    public: Vec<Digest>,
+    set: Arc<DigestSet>,
 }
 
 impl Aggregator {
@@ -86,8 +129,28 @@ impl Aggregator {
         config: Config,
         blobs: Blobs,
     ) -> Result<Self, RequestError> {
-        let mut reader = IndexFold::default();
+        let progress = StartProgress::default();
+        Self::open_noting(dir, network, key, clock, config, blobs, progress)
+    }
+
+    /// [`Aggregator::open_with`] that notes how far it is. Goes on from the folder's kept state, if that counts ([`KeptState`]).
+    pub fn open_noting(
+        dir: &Path,
+        network: Option<&Digest>,
+        key: SigningKey,
+        clock: Arc<dyn Clock>,
+        config: Config,
+        blobs: Blobs,
+        progress: StartProgress,
+    ) -> Result<Self, RequestError> {
+        let public = folder::public(dir);
+        let mut reader = IndexFold::new(public.clone(), progress);
         let mut ledger = Ledger::open_with(dir, network, key, blobs, &mut reader)?;
+        let kept = reader.kept();
+        let older_public = match kept {
+            0 => None,
+            _ => Some(Arc::new(DigestSet::open(&public)?)),
+        };
         check_genesis(ledger.state().genesis())?;
         check_open_round(ledger.state())?;
         if let Some(pruning) = pruned::read(dir, ledger.state().genesis())? {
@@ -98,12 +161,14 @@ impl Aggregator {
         }
         let steady = clock.clone();
         let watch = ledger.watch_clock(clock.now_ms(), move || steady.steady())?;
+        let much_is_new = ledger.size() - kept >= KEPT_APART;
+        let fold = much_is_new.then(|| reader.encoded());
         let FromLedger {
             index,
             contributions,
             lost,
         } = reader.finish(&ledger)?;
-        Ok(Self {
+        let mut aggregator = Self {
             staging: Staging::at(ledger.dir()),
             ledger,
             arrivals: Arc::new(Arrivals::new(clock.clone(), watch)),
@@ -118,6 +183,67 @@ impl Aggregator {
             published: None,
             asked_witnesses: None,
             doomed: BTreeSet::new(),
+            older_public,
+            kept,
+        };
+        if let Some(fold) = fold {
+            // Without it, the next start takes as long.
+            if let Err(error) = aggregator.keep(fold) {
+                tracing::warn!("the state is not kept for the next start: {error}");
+            }
+        }
+        Ok(aggregator)
+    }
+
+    /// How many entries the kept state covers, which this start went on from or has written; 0 if there is none.
+    pub fn kept_entries(&self) -> u64 {
+        self.kept
+    }
+
+    /// What to keep for the next start, if much is new, and the open round has accepted nothing yet.
+    pub fn state_to_keep(&self) -> Option<StateToKeep> {
+        if self.ledger.size() - self.kept < KEPT_APART {
+            return None;
+        }
+        self.with_fold(self.to_keep()?)
+    }
+
+    /// Keeps the state for the next start, if the open round has accepted nothing yet. Returns whether it is kept.
+    pub fn keep_state(&mut self) -> Result<bool, RequestError> {
+        match self.to_keep() {
+            Some(fold) => self.keep(fold),
+            None => Ok(false),
+        }
+    }
+
+    /// Notes what was written of [`Aggregator::state_to_keep`].
+    pub fn note_kept(&mut self, written: WrittenState) {
+        self.index.disclosed.forget(&written.public);
+        self.older_public = Some(written.set);
+        self.kept = written.kept;
+    }
+
+    fn keep(&mut self, fold: Vec<u8>) -> Result<bool, RequestError> {
+        let Some(to_keep) = self.with_fold(fold) else {
+            return Ok(false);
+        };
+        let written = to_keep.write()?;
+        self.note_kept(written);
+        Ok(true)
+    }
+
+    /// What is kept of this, if the open round has accepted nothing: what it has accepted is only in the ledger.
+    fn to_keep(&self) -> Option<Vec<u8>> {
+        let nothing = self.contributions.is_empty() && self.lost.is_empty();
+        nothing.then(|| encoded(&self.index, &[]))
+    }
+
+    fn with_fold(&self, fold: Vec<u8>) -> Option<StateToKeep> {
+        Some(StateToKeep {
+            state: self.ledger.kept_state(this_build()?, fold),
+            public: self.index.disclosed.public().copied().collect(),
+            older_public: self.older_public.clone(),
+            path: folder::public(self.ledger.dir()),
         })
     }
 
@@ -184,7 +310,11 @@ impl Aggregator {
 
     /// Where a blob may be read, if it may be read.
     pub fn blob(&self, digest: &Digest) -> Result<Blobs, RequestError> {
-        match self.index.disclosed.access(digest) {
+        let access = match &self.older_public {
+            Some(older) if older.contains(digest)? => BlobAccess::Public,
+            _ => self.index.disclosed.access(digest),
+        };
+        match access {
             BlobAccess::Public => Ok(self.ledger.blobs().clone()),
             BlobAccess::HeldBack => Err(RequestError::HeldBack(*digest)),
             BlobAccess::Unknown => Err(RequestError::UnknownBlob(*digest)),

@@ -1,14 +1,19 @@
 //! What an aggregator knows beside the ledger's state, and reads again at a restart: where things are in the ledger, and what the open
-//! round accepted.
+//! round accepted. A restart goes on from what was kept ([`zk0_ledger::replay::KeptState`]).
 
 use crate::round::accepted::{verify_all, Accepted};
 use crate::round::intake::registrations::Registrations;
 use crate::round::request_error::RequestError;
+use crate::start_progress::StartProgress;
+use borsh::{BorshDeserialize, BorshSerialize};
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 use zk0_circuits::vm::digest::tagged_sha256;
 use zk0_circuits::{Digest, NodeId};
+use zk0_ledger::folder;
 use zk0_ledger::log::Ledger;
-use zk0_ledger::replay::HistoryFold;
+use zk0_ledger::replay::{this_build, HistoryFold, VerifiedHistory};
+use zk0_ledger::store::digest_set::DigestSet;
 use zk0_protocol::entries::entry::{Body, Entry, RoundOpened};
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::program::Program;
@@ -19,7 +24,7 @@ use zk0_protocol::Refusal;
 use zk0_verifier::VerifiedContribution;
 
 /// Where things are in the ledger, as a fold over its entries.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, BorshSerialize, BorshDeserialize)]
 pub struct LedgerIndex {
     /// Which blobs may be read.
     pub disclosed: DisclosedBlobs,
@@ -43,7 +48,7 @@ pub struct LedgerIndex {
 }
 
 /// The entries about one round.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct RoundEntries {
     /// The one that opened it.
     pub opened: u64,
@@ -190,13 +195,39 @@ pub struct FromLedger {
 }
 
 /// Reads what a restarted aggregator needs, while its ledger is opened.
-#[derive(Default)]
 pub struct IndexFold {
     index: LedgerIndex,
     accepted: Vec<Accepted>,
+    /// Where the public blobs are kept that the index leaves out.
+    public: PathBuf,
+    /// How many entries the kept state covers from which it went on.
+    kept: u64,
+    progress: StartProgress,
 }
 
 impl HistoryFold for IndexFold {
+    fn build(&self) -> Option<Digest> {
+        this_build()
+    }
+
+    fn go_on(&mut self, kept: &[u8], entries: u64) -> Result<(), String> {
+        let covered = DigestSet::covered(&self.public).map_err(|error| error.to_string())?;
+        if covered < entries {
+            return Err(format!(
+                "it is about {entries} entries, and {} only about {covered}",
+                self.public.display()
+            ));
+        }
+        let kept = borsh::from_slice::<(LedgerIndex, Vec<Accepted>)>(kept);
+        (self.index, self.accepted) = kept.map_err(|error| error.to_string())?;
+        self.kept = entries;
+        Ok(())
+    }
+
+    fn pause(&mut self, verified: &VerifiedHistory) {
+        self.progress.note(verified.size(), verified.whole());
+    }
+
     fn genesis(&mut self, genesis: &Genesis) {
         self.index.observe(0, &Body::Genesis(genesis.clone()));
     }
@@ -217,6 +248,27 @@ impl HistoryFold for IndexFold {
 }
 
 impl IndexFold {
+    /// For the ledger whose public blobs are kept in `public`. Notes its progress.
+    pub fn new(public: PathBuf, progress: StartProgress) -> Self {
+        Self {
+            index: LedgerIndex::default(),
+            accepted: Vec::new(),
+            public,
+            kept: 0,
+            progress,
+        }
+    }
+
+    /// How many entries the kept state covers from which it went on; 0 without one.
+    pub fn kept(&self) -> u64 {
+        self.kept
+    }
+
+    /// What [`HistoryFold::go_on`] takes.
+    pub fn encoded(&self) -> Vec<u8> {
+        encoded(&self.index, &self.accepted)
+    }
+
     /// What was read of the open `ledger`. Verifies on all cores what the open round accepted.
     ///
     /// # Errors
@@ -225,6 +277,7 @@ impl IndexFold {
         let Self {
             mut index,
             accepted,
+            ..
         } = self;
         index.observe_program(ledger.state());
         let verdicts = verify_all(&accepted, ledger.blobs());
@@ -248,6 +301,11 @@ impl IndexFold {
             lost,
         })
     }
+}
+
+/// What a kept state holds of these.
+pub(super) fn encoded(index: &LedgerIndex, accepted: &[Accepted]) -> Vec<u8> {
+    borsh::to_vec(&(index, accepted)).expect("writing to a Vec cannot fail")
 }
 
 pub(super) fn still_valid(

@@ -129,10 +129,32 @@ impl Service {
             .await?;
         if let Polled::Did(RoundStep::Close(round)) = polled {
             self.count_round(round).await?;
+            self.keep_state().await;
             self.round_closed.notify_one();
             self.clear_uploads(round).await?;
         }
         Ok(polled)
+    }
+
+    /// Keeps the state for the next start, if much is new. Only its copy holds the aggregator. The rounds go on if that fails, and the next
+    /// end of a round tries again.
+    async fn keep_state(&self) {
+        let kept = async {
+            let to_keep = self.with(|aggregator| Ok(aggregator.state_to_keep()));
+            let Some(to_keep) = to_keep.await? else {
+                return Ok(());
+            };
+            let written = blocking(move || to_keep.write()).await?;
+            self.with(|aggregator| {
+                aggregator.note_kept(written);
+                Ok(())
+            })
+            .await
+        };
+        let kept: Result<(), RequestError> = kept.await;
+        if let Err(error) = kept {
+            tracing::warn!("the state is not kept for the next start: {error}");
+        }
     }
 
     /// Removes the uploads up to this closed round. The rounds go on if that fails.

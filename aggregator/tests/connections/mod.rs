@@ -12,6 +12,7 @@ mod memory;
 mod metrics;
 mod relay;
 mod silent;
+mod starting;
 mod waiting;
 
 use zk0_aggregator::{Config, ConnectionLimits, Limits};

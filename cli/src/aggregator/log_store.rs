@@ -17,7 +17,7 @@ use zk0_circuits::Digest;
 use zk0_ledger::blobs::Blobs;
 use zk0_ledger::bucket::public_log::PublicLog;
 use zk0_ledger::error::LedgerError;
-use zk0_ledger::published::export::{export_to, ExportError};
+use zk0_ledger::published::export::{export_new, export_to, ExportError};
 use zk0_ledger::published::export_place::ExportTarget;
 use zk0_ledger::published::publication::{Publication, PublicationError};
 use zk0_ledger::Ledger;
@@ -47,6 +47,8 @@ pub struct LogStore {
     place: PublicLog,
     before: Option<Publication>,
     named: BTreeSet<Digest>,
+    /// Blobs that were missing or damaged.
+    again: BTreeSet<Digest>,
 }
 
 /// The log has signed another history, or more of this one. A restart cannot help, so the exit code is 2.
@@ -99,6 +101,7 @@ impl LogStoreOptions {
             place: store.public_log(address)?,
             before: None,
             named: BTreeSet::new(),
+            again: BTreeSet::new(),
         }))
     }
 }
@@ -185,7 +188,10 @@ impl LogStore {
             Err(PublicationError::NotCosigned(_)) => return Ok(()),
             view => view?.with_blobs(self.blobs.clone()),
         };
-        let done = export_to(&view, &mut self.place)?;
+        let done = match self.before {
+            Some(_) => export_new(&view, &self.again, &mut self.place)?,
+            None => export_to(&view, &mut self.place)?,
+        };
         // Each checkpoint finds the same blobs: each is logged once.
         for damaged in &done.damaged {
             if !self.named.contains(&damaged.blob) {
@@ -193,6 +199,7 @@ impl LogStore {
             }
         }
         self.named = done.damaged.iter().map(|damaged| damaged.blob).collect();
+        self.again = done.again;
         tracing::info!(
             entries = done.entries,
             tiles = done.tiles,

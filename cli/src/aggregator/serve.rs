@@ -9,7 +9,7 @@ use crate::certificate::{keep_current, scheme};
 use crate::keys;
 use crate::metrics::{serve_metrics, MetricsOptions};
 use crate::otlp::OtlpOptions;
-use crate::serve::{interrupted, listening, listening_if, online_until, ENDING};
+use crate::serve::{interrupted, listening_early, listening_if, online_until, ENDING};
 use anyhow::{anyhow, bail, Context, Result};
 use std::future;
 use std::net::SocketAddr;
@@ -20,6 +20,7 @@ use tokio::net::TcpListener;
 use tokio::sync::oneshot;
 use tokio::task::{spawn_blocking, JoinHandle};
 use tokio::time::{sleep, timeout};
+use zk0_aggregator::connections::starting::StartingServer;
 use zk0_aggregator::observe::troubles::Troubles;
 use zk0_aggregator::publish::beacon::BeaconServers;
 use zk0_aggregator::publish::chosen_witnesses::chosen_witnesses;
@@ -29,6 +30,7 @@ use zk0_aggregator::publish::log_server::LogServer;
 use zk0_aggregator::publish::witness_client::WitnessState;
 use zk0_aggregator::round::request_error::RequestError;
 use zk0_aggregator::serve::service::ServeError;
+use zk0_aggregator::start_progress::StartProgress;
 use zk0_aggregator::{Aggregator, Config, Service, SystemClock};
 use zk0_service::tls::authorities::Authorities;
 use zk0_service::tls::server_certificate::ServerCertificate;
@@ -134,6 +136,17 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
         min_nodes: options.min_nodes,
     };
     let key = keys::read(&options.key)?;
+    let certificate = options.edge.certificate()?;
+    let (limits, log_limits) = options.edge.limits(options.log_listen.is_some());
+    let (listener, address) = listening_early(options.listen)?;
+    let metrics = options.metrics.metrics.map(listening_early).transpose()?;
+    let progress = StartProgress::default();
+    let starting = StartingServer::begin(
+        &listener,
+        metrics.as_ref().map(|(listener, _)| listener),
+        certificate.as_ref(),
+        progress.clone(),
+    )?;
     let blobs = options.store.blobs(&options.dir)?;
     if options.presigned_uploads && !blobs.takes_sent() {
         let address = blobs.store_address().unwrap_or_default();
@@ -141,8 +154,18 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
             "--presigned-uploads needs a bucket that signs addresses (s3://, gs:// or az://), and --blob-store {address} is a folder: leave --presigned-uploads out, or use a bucket"
         );
     }
-    let clock = Arc::new(SystemClock);
-    let aggregator = Aggregator::open_with(&options.dir, None, key, clock, config, blobs.clone());
+    tracing::info!(
+        "the aggregator starts: until the ledger is verified, {address} answers how far that is"
+    );
+    let aggregator = Aggregator::open_noting(
+        &options.dir,
+        None,
+        key,
+        Arc::new(SystemClock),
+        config,
+        blobs.clone(),
+        progress,
+    );
     let aggregator = aggregator.map_err(with_exit_code)?;
     let rules = aggregator.state().rules();
     let policy = chosen_witnesses(&options.dir, rules, options.witness_policy.as_deref())?;
@@ -154,14 +177,10 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
         log_store.check(aggregator.ledger())?;
     }
     let uploads = options.uploads.open(options.folders.out())?;
-    let certificate = options.edge.certificate()?;
-    let (limits, log_limits) = options.edge.limits(options.log_listen.is_some());
     online_until(ENDING, async {
         let mut stop = Box::pin(interrupted());
         // All addresses are bound before the log names one.
-        let (listener, address) = listening(options.listen)?;
         let log_listener = listening_if(options.log_listen)?;
-        let metrics_listener = listening_if(options.metrics.metrics)?;
         let network = *aggregator.state().network();
         let checkpoint = aggregator.ledger().checkpoint().to_vec();
         let is_newest = options.no_newer_checkpoint_exists || aggregator.ledger().is_confirmed();
@@ -208,6 +227,13 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
             }
             service = service.witnessed(witnesses).await?;
         }
+        // The service answers those who come from now on.
+        spawn_blocking(move || drop(starting)).await?;
+        let listener = TcpListener::from_std(listener)?;
+        let metrics_listener = match metrics {
+            Some((listener, address)) => Some((TcpListener::from_std(listener)?, address)),
+            None => None,
+        };
         tracing::info!(listening = %address, "the aggregator of network {network} listens on {address}");
         let troubles = service.troubles().clone();
         let log = log_listener.map(|listener| {

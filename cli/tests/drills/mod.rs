@@ -2,6 +2,7 @@
 //! `testkit/tests/drills.txt` names all drills.
 
 mod log_keys;
+mod long_history;
 mod outages;
 mod stolen_keys;
 mod witnesses;

@@ -1,5 +1,5 @@
 //! Measures how fast a ledger is on this machine, and how fast its parts are by themselves: RocksDB, SHA-256 and ed25519. Run it with
-//! `make bench-ledger`.
+//! `make bench-ledger`. `make bench-years` measures a long history.
 //!
 //! It prints one JSON line for each figure on standard output, and its progress on standard error. `ratio` compares our figure with the
 //! peer's: more than 1 means that ours is better. It makes its files in `--dir`, or else where temporary files go. `--only` measures
@@ -7,6 +7,7 @@
 
 mod network;
 mod peers;
+mod years;
 
 use anyhow::{bail, Context, Result};
 use network::{empty_rounds, enrolments, founded, grown, registrations};
@@ -40,6 +41,8 @@ fn main() -> Result<()> {
         };
         match argument {
             "replay" => return replay_here(Path::new(value()?)),
+            "audit" => return years::audit_here(Path::new(value()?), Path::new(value()?)),
+            "years" => return years::measure(&options.dir, value()?.parse()?),
             "grow" => return grown(Path::new(value()?), value()?.parse()?),
             "--dir" => options.dir = value()?.into(),
             "--entries" => options.entries = value()?.parse()?,
@@ -55,7 +58,7 @@ fn main() -> Result<()> {
     options.append("append_enrolments", |_| Ok(enrolments(0..300_000)))?;
     options.append("append_signed_by_nodes", |ledger| {
         network::record(ledger, network::TIME, enrolments(0..network::NODES))?;
-        Ok(registrations(ledger.state(), 400))
+        Ok(registrations(ledger.state(), network::NODES, 400))
     })?;
     options.wanted("append_with_receipts", || receipts(&options.dir))?;
     options.wanted("sp1_proofs", proofs)?;
@@ -239,11 +242,16 @@ fn replay_here(dir: &Path) -> Result<()> {
     if report.verdict != Verdict::Verified {
         bail!("{:?}", report.findings);
     }
+    print_measured(report.entries, seconds)
+}
+
+/// Prints the number of entries, the seconds and the most memory that this process had, in KiB.
+fn print_measured(entries: u64, seconds: f64) -> Result<()> {
     let status = std::fs::read_to_string("/proc/self/status")?;
     let peak = status
         .lines()
         .find_map(|line| line.strip_prefix("VmHWM:")?.strip_suffix("kB"))
         .context("no VmHWM in /proc/self/status")?;
-    println!("{} {seconds} {}", report.entries, peak.trim());
+    println!("{entries} {seconds} {}", peak.trim());
     Ok(())
 }

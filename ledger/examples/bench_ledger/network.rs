@@ -20,7 +20,7 @@ use zk0_testkit::network::{
     closed, commitments_closed, drawn, genesis, invalid_proof, log_key, opened, T0,
 };
 
-/// How many nodes the network has.
+/// How many nodes the network of most figures has.
 pub const NODES: u64 = 250;
 
 /// When the network begins, in Unix milliseconds.
@@ -101,25 +101,25 @@ pub fn empty_rounds(state: &State, count: u64) -> Vec<Body> {
         .collect()
 }
 
-/// Returns the registrations of the nodes' datasets, `times` over. A node signs each of these entries.
-pub fn registrations(state: &State, times: u64) -> Vec<Body> {
+/// Returns the registrations of so many nodes' datasets, `times` over. A node signs each of these entries.
+pub fn registrations(state: &State, nodes: u64, times: u64) -> Vec<Body> {
     let network = *state.network();
     let register = |number: u64| {
-        let key = key(number % NODES);
+        let key = key(number % nodes);
         let registration = DatasetRegistration {
             network,
             node: id(&key),
-            dataset: dataset(number % NODES),
+            dataset: dataset(number % nodes),
             leaves: digest(7, number),
             evaluation_frames: state.rules().evaluation_frames,
             episodes: vec![RegisteredEpisode {
-                digest: digest(9, number % NODES),
+                digest: digest(9, number % nodes),
                 frames: 400,
             }],
         };
         Body::DatasetCommitted(Signed::new(registration, &key))
     };
-    (0..times * NODES).into_par_iter().map(register).collect()
+    (0..times * nodes).into_par_iter().map(register).collect()
 }
 
 fn dataset(node: u64) -> DatasetCommitment {
@@ -145,12 +145,23 @@ pub fn record(ledger: &mut Ledger, time_ms: u64, bodies: Vec<Body>) -> Result<Ve
 /// Makes a ledger of `entries` entries: of a thousand, about 500 commitments, 450 acceptances and 50 refusals, each of them
 /// signed by a node, and two rounds.
 pub fn grown(dir: &Path, entries: u64) -> Result<()> {
+    let mut ledger = with_nodes(dir, NODES)?;
+    grow(&mut ledger, NODES, |ledger| ledger.size() < entries)
+}
+
+/// A ledger in which so many nodes have datasets.
+pub fn with_nodes(dir: &Path, nodes: u64) -> Result<Ledger> {
     let mut ledger = founded(dir)?;
-    record(&mut ledger, TIME, enrolments(0..NODES))?;
-    let registrations = registrations(ledger.state(), 1);
+    record(&mut ledger, TIME, enrolments(0..nodes))?;
+    let registrations = registrations(ledger.state(), nodes, 1);
     record(&mut ledger, TIME, registrations)?;
-    let keys: Vec<SigningKey> = (0..NODES).map(key).collect();
-    while ledger.size() < entries {
+    Ok(ledger)
+}
+
+/// Appends rounds of these nodes, as [`grown`] does, while the ledger wants more.
+pub fn grow(ledger: &mut Ledger, nodes: u64, more: impl Fn(&Ledger) -> bool) -> Result<()> {
+    let keys: Vec<SigningKey> = (0..nodes).map(key).collect();
+    while more(ledger) {
         let state = ledger.state();
         // Each round begins so late that the round before it can no longer be disputed.
         let now = TIME + state.next_round() * 2000;
@@ -163,14 +174,14 @@ pub fn grown(dir: &Path, entries: u64) -> Result<()> {
                 round,
                 node: id(key),
                 dataset_root: dataset(node).root,
-                update: weights(1 + round * NODES + node),
+                update: weights(1 + round * nodes + node),
                 eval_samples: state.rules().min_eval_samples,
             };
             Body::UpdateCommitted(Signed::new(commitment, key))
         };
         let mut bodies = vec![Body::RoundOpened(opening)];
         bodies.par_extend(keys.par_iter().enumerate().map(commit));
-        record(&mut ledger, now, bodies)?;
+        record(ledger, now, bodies)?;
         let closing = commitments_closed(ledger.state());
         ledger.append(now, Body::CommitmentsClosed(closing))?;
         let drawing = drawn(ledger.state());
@@ -180,7 +191,7 @@ pub fn grown(dir: &Path, entries: u64) -> Result<()> {
         let decide = |(node, key): (usize, &SigningKey)| {
             let submission = Submission {
                 claim: claim(state, &id(key))?,
-                proof: digest(8, round * NODES + node as u64),
+                proof: digest(8, round * nodes + node as u64),
             };
             let submission = Signed::new(submission, key);
             Ok(match node % 10 {
@@ -192,11 +203,11 @@ pub fn grown(dir: &Path, entries: u64) -> Result<()> {
             })
         };
         let decided: Result<Vec<Body>> = keys.par_iter().enumerate().map(decide).collect();
-        record(&mut ledger, now, decided?)?;
+        record(ledger, now, decided?)?;
         let closed = closed(ledger.state(), weights(round));
         ledger.append(now, Body::RoundClosed(closed))?;
         if round % 200 == 199 {
-            eprintln!("  {} of {entries} entries made", ledger.size());
+            eprintln!("  {} entries made", ledger.size());
         }
     }
     Ok(())

@@ -5,7 +5,11 @@ use super::Blobs;
 use std::collections::BTreeSet;
 use std::fs;
 use std::io;
+use std::time::{Duration, SystemTime};
 use zk0_circuits::Digest;
+
+/// Changes within this time may have the same time on the disk.
+const SETTLED: Duration = Duration::from_secs(1);
 
 /// What [`Blobs::shrink`] did.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -17,6 +21,15 @@ pub struct Shrunk {
 }
 
 impl Blobs {
+    /// When a blob last came to the folder or left it. As long as this stays the same, nobody has to look at each file again. `None` if
+    /// that is just now, or not known.
+    pub fn changed(&self) -> Option<SystemTime> {
+        let changed = fs::metadata(self.folder()).and_then(|about| about.modified());
+        let changed = changed.ok()?;
+        let ago = SystemTime::now().duration_since(changed).ok()?;
+        (ago > SETTLED).then_some(changed)
+    }
+
     /// Removes blobs from the folder until the rest have at most `limit` bytes. Blobs outside the store, and those in `needed`, stay
     /// anyway.
     pub fn shrink(&self, limit: u64, needed: &BTreeSet<Digest>) -> Result<Shrunk, BlobError> {

@@ -67,7 +67,8 @@ impl Blobs {
             return Ok(0);
         };
         let mut stored = 0;
-        for (blob, _) in self.all_here()? {
+        // There may be very many, so nothing is asked about each.
+        for (blob, ()) in self.each_here(|_| Ok(()))? {
             if kept.knows(&blob) {
                 continue;
             }

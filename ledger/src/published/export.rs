@@ -7,7 +7,9 @@ use crate::error::LedgerError;
 use crate::folder;
 use crate::published::export_place::{ExportFolder, ExportTarget, PlaceError};
 use crate::published::publication::{Content, Publication, PublicationError};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
+use zk0_circuits::Digest;
 use zk0_protocol::tlog::checkpoint::{CheckpointError, MAX_NOTE_BYTES};
 use zk0_protocol::tlog::layout::{tiles, Resource};
 use zk0_protocol::tlog::witness_policy::WitnessPolicy;
@@ -25,6 +27,8 @@ pub struct Exported {
     pub missing_blobs: u64,
     /// Damaged public blobs, not written.
     pub damaged: Vec<DamagedBlob>,
+    /// The blobs that [`export_new`] looks at again: those that are missing or damaged.
+    pub again: BTreeSet<Digest>,
 }
 
 /// Why a ledger cannot be exported.
@@ -69,6 +73,23 @@ pub fn export_to(
     view: &Publication,
     place: &mut dyn ExportTarget,
 ) -> Result<Exported, ExportError> {
+    export_blobs(view, &mut view.public_blobs(), place)
+}
+
+/// [`export_to`] after an export of the older view with which `view` was opened, to the same place. Looks at no older blobs but `again`.
+pub fn export_new(
+    view: &Publication,
+    again: &BTreeSet<Digest>,
+    place: &mut dyn ExportTarget,
+) -> Result<Exported, ExportError> {
+    export_blobs(view, &mut again.iter().chain(view.new_blobs()), place)
+}
+
+fn export_blobs(
+    view: &Publication,
+    wanted: &mut dyn Iterator<Item = &Digest>,
+    place: &mut dyn ExportTarget,
+) -> Result<Exported, ExportError> {
     continues(view, place)?;
     let mut exported = Exported {
         entries: view.checkpoint().size,
@@ -85,14 +106,17 @@ pub fn export_to(
         }
     }
     let blobs = view.blobs();
-    for blob in view.public_blobs() {
+    for blob in wanted {
         // A power cut leaves a blob with fewer bytes.
         let is_whole = |there: u64| blobs.size(blob).is_none_or(|size| there >= size);
         if place.blob_size(blob).is_some_and(is_whole) {
             continue;
         }
         match blobs.file_once(blob) {
-            Err(BlobError::Missing(_)) => exported.missing_blobs += 1,
+            Err(BlobError::Missing(_)) => {
+                exported.missing_blobs += 1;
+                exported.again.insert(*blob);
+            }
             Err(error) => exported.damaged.push(blobs.damage(blob, error)?),
             Ok(file) => match place.put_blob(blob, file) {
                 Ok(()) => exported.blobs += 1,
@@ -106,6 +130,8 @@ pub fn export_to(
             },
         }
     }
+    let damaged = exported.damaged.iter().map(|damaged| damaged.blob);
+    exported.again.extend(damaged);
     for resource in [Resource::Pruned, Resource::Policy, Resource::Checkpoint] {
         if let Some(Content::Bytes(bytes)) = view.read(&resource)? {
             place.put(&resource, &bytes)?;

@@ -49,6 +49,8 @@ struct Texts {
 struct GatheredEntries {
     size: u64,
     disclosed: DisclosedBlobs,
+    /// The blobs that became public since the view before; `None` without one.
+    fresh: Option<Vec<Digest>>,
     required: RequiredWitnesses,
 }
 
@@ -182,6 +184,14 @@ impl Publication {
         self.gathered.disclosed.public()
     }
 
+    /// The blobs that became public since the older view with which this one was opened; all without one.
+    pub fn new_blobs(&self) -> Box<dyn Iterator<Item = &Digest> + '_> {
+        match &self.gathered.fresh {
+            Some(fresh) => Box::new(fresh.iter()),
+            None => Box::new(self.public_blobs()),
+        }
+    }
+
     /// A public blob's size in bytes; `None` if it is not public, or not kept. Does not read the store.
     pub fn blob_size(&self, blob: &Digest) -> Option<u64> {
         self.is_public(blob).then(|| self.blobs.size(blob))?
@@ -251,9 +261,13 @@ impl Texts {
 impl GatheredEntries {
     /// Goes on to the first `size` entries.
     fn up_to(mut self, store: &Store, size: u64) -> Result<Self, LedgerError> {
+        self.fresh = (self.size > 0).then(Vec::new);
         for index in self.size..size {
             let body = entry(store, index)?.body;
-            self.disclosed.observe(&body);
+            let disclosed = self.disclosed.observe(&body);
+            if let Some(fresh) = &mut self.fresh {
+                fresh.extend(disclosed);
+            }
             self.required.observe(&body);
         }
         self.size = size;

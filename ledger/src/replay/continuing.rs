@@ -1,6 +1,8 @@
-//! A writer's history. Before a writer signs more, it verifies all entries, and compares them with what the log signed.
+//! A writer's history. Before a writer signs more, it verifies all entries, or those after a kept state ([`super::kept`]), and compares them
+//! with what the log signed.
 
 use super::database;
+use super::kept;
 use super::relay;
 use super::verified::{HistoryFold, VerifiedHistory};
 use crate::error::LedgerError;
@@ -23,8 +25,13 @@ pub fn verify(
     if store.size()? == 0 {
         return Err(LedgerError::NoLedger(dir.into()));
     }
-    let found = VerifiedHistory::found(store, dir, network, fold);
-    let mut history = found.map_err(|stopped| stopped.error)?;
+    let mut history = match kept::resumed(store, dir, network, fold) {
+        Some(history) => history,
+        None => {
+            let found = VerifiedHistory::found(store, dir, network, fold);
+            found.map_err(|stopped| stopped.error)?
+        }
+    };
     verify_rest(store, dir, published, &mut history, fold)?;
     Ok(history)
 }
@@ -44,7 +51,12 @@ pub fn verify_rest(
     let (size, root) = (history.size(), history.root()?);
     store.known_tree(&Checkpoint { size, root })?;
     pruned::read_within(dir, history.genesis(), whole)?;
-    database::check_keys(store, whole)?;
+    // Older keys were checked before.
+    if history.size() > 1 {
+        database::check_last_key(store, whole)?;
+    } else {
+        database::check_keys(store, whole)?;
+    }
     let threads = relay::default_threads();
     let verified = relay::run(store, whole, history, fold, threads, None);
     verified.map_err(|stopped| stopped.error)

@@ -125,3 +125,15 @@ pub fn check_keys(store: &Store, size: u64) -> Result<(), LedgerError> {
         None => Ok(()),
     }
 }
+
+/// Checks that the database has no checkpoint beyond this size. For a log whose first entries were verified before: a replay of the others
+/// checks that they are there.
+pub fn check_last_key(store: &Store, size: u64) -> Result<(), LedgerError> {
+    match store.checkpoint_from(size.saturating_add(1))? {
+        None => Ok(()),
+        Some((beyond, _)) => {
+            let found = format!("{:?}", DatabaseKey::Checkpoint(beyond));
+            Err(LedgerError::StrayKey { found, size })
+        }
+    }
+}

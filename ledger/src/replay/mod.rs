@@ -5,7 +5,7 @@
 //! change the result.
 //!
 //! - [`relay`]: the threads; [`database`]: how an auditor opens the database, and its keys; [`stopped`]: why a replay stops;
-//! - [`continuing`]: a writer's replay; [`missing_files`]: what the open round lacks;
+//! - [`continuing`]: a writer's replay; [`kept`]: where it begins; [`missing_files`]: what the open round lacks;
 //! - [`auditing`]: an auditor's replay; [`recheck`]: what an auditor checks besides; [`report`]: the report at the end;
 //! - [`options`]: how to replay; [`saved`]: a replay on disk, to go on from.
 
@@ -13,6 +13,7 @@ mod auditing;
 mod chunk;
 pub(crate) mod continuing;
 mod database;
+mod kept;
 pub mod missing_files;
 mod options;
 mod recheck;
@@ -24,6 +25,7 @@ mod verified;
 
 pub use auditing::replay_with;
 pub use database::OpenedDatabase;
+pub use kept::{this_build, KeptState};
 pub use options::{ReplayOptions, SaveOptions};
 pub use recheck::Recheck;
 pub use report::{Finding, ReplayReport, Severity, Verdict};

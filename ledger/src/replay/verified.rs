@@ -25,6 +25,19 @@ pub trait HistoryFold: Send {
     /// Takes entry `index`, verified and allowed by the rules in the state `before`.
     fn entry(&mut self, _before: &State, _index: u64, _entry: &Entry) {}
 
+    /// The build of the program, if the fold goes on from a state that this build has kept.
+    fn build(&self) -> Option<Digest> {
+        None
+    }
+
+    /// Goes on from what was kept of this fold after the first `entries` entries, in place of the calls for them.
+    ///
+    /// # Errors
+    /// Why it cannot. The fold is as before.
+    fn go_on(&mut self, _kept: &[u8], _entries: u64) -> Result<(), String> {
+        Err("nothing goes on from it".into())
+    }
+
     /// Called now and then, with what is verified so far.
     fn pause(&mut self, _verified: &VerifiedHistory) {}
 }
@@ -102,6 +115,11 @@ impl VerifiedHistory {
     /// The number of verified entries.
     pub fn size(&self) -> u64 {
         self.tree.size()
+    }
+
+    /// The number of entries in the log, as far as it is known.
+    pub fn whole(&self) -> u64 {
+        self.whole
     }
 
     /// The genesis.

@@ -109,7 +109,7 @@ fn parse(bytes: &[u8]) -> Option<DatabaseKey> {
     }
 }
 
-fn options() -> Options {
+pub(super) fn options() -> Options {
     let mut options = Options::default();
     options.set_paranoid_checks(true);
     // RocksDB holds the newest data in memory, and replays its journal at each opening.

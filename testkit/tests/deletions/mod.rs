@@ -15,6 +15,7 @@ mod argument;
 mod attestation;
 mod bounds;
 mod copy;
+mod kept_state;
 mod ledger_rules;
 mod moments;
 mod outages;
@@ -72,6 +73,7 @@ const RULES: &[&[Removal]] = &[ledger_rules::REMOVALS, bounds::REMOVALS, moments
 const ARGUMENT: &[&[Removal]] = &[argument::REMOVALS];
 const ATTESTATION: &[&[Removal]] = &[
     attestation::REMOVALS,
+    kept_state::REMOVALS,
     outages::REMOVALS,
     pruning::REMOVALS,
     secrets::REMOVALS,

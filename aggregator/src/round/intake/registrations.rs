@@ -3,6 +3,7 @@
 //! A registration stays on the ledger for ever, and every replay holds its episodes, up to 1,500, in memory. Between rounds the rules set
 //! no limit, so the aggregator does.
 
+use borsh::{BorshDeserialize, BorshSerialize};
 use std::collections::{BTreeMap, VecDeque};
 use zk0_circuits::NodeId;
 use zk0_protocol::entries::entry::Body;
@@ -15,7 +16,7 @@ pub const MAX_REGISTRATIONS: usize = 4;
 pub const PERIOD_MS: u64 = 86_400_000;
 
 /// Each node's last registrations since a round has closed, by entry: at most [`MAX_REGISTRATIONS`].
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, BorshSerialize, BorshDeserialize)]
 pub struct Registrations(BTreeMap<NodeId, VecDeque<u64>>);
 
 impl Registrations {

@@ -2,7 +2,7 @@
 
 use crate::round::request_error::RequestError;
 use crate::serve::service::{blocking, Service};
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 use tokio::time::sleep;
 
 /// How often the folder's size is checked.
@@ -14,9 +14,9 @@ impl Service {
         let Some(limit) = self.blob_places.cache_bytes else {
             return std::future::pending().await;
         };
-        let mut reported = None;
+        let (mut reported, mut fits) = (None, None);
         loop {
-            if let Err(error) = self.shrink(limit).await {
+            if let Err(error) = self.shrink(limit, &mut fits).await {
                 // It is retried, so the log states the reason once.
                 let why = error.to_string();
                 if reported.as_ref() != Some(&why) {
@@ -28,7 +28,8 @@ impl Service {
         }
     }
 
-    async fn shrink(&self, limit: u64) -> Result<(), RequestError> {
+    /// The folder `fits` since it changed last, if it does.
+    async fn shrink(&self, limit: u64, fits: &mut Option<SystemTime>) -> Result<(), RequestError> {
         let cached = self.with(|aggregator| {
             Ok((
                 aggregator.ledger().blobs().clone(),
@@ -36,7 +37,18 @@ impl Service {
             ))
         });
         let (blobs, needed) = cached.await?;
-        let shrunk = blocking(move || Ok(blobs.shrink(limit, &needed)?)).await?;
+        let before = *fits;
+        let looked = blocking(move || {
+            let changed = blobs.changed();
+            if changed.is_some() && changed == before {
+                return Ok(None);
+            }
+            Ok(Some((changed, blobs.shrink(limit, &needed)?)))
+        });
+        let Some((changed, shrunk)) = looked.await? else {
+            return Ok(());
+        };
+        *fits = changed.filter(|_| shrunk.held <= limit);
         if shrunk.removed > 0 {
             tracing::info!(
                 removed = shrunk.removed,
