@@ -22,11 +22,11 @@ use tokio::sync::oneshot;
 use tokio_stream::Once;
 use tonic::service::Routes;
 use tonic::{Code, Request, Response, Status};
-use zk0_service::metrics::endpoint;
 use zk0_protocol::rpc::federation::{turned_down::Remedy, TurnedDown};
 use zk0_protocol::rpc::health::health_check_response::ServingStatus;
 use zk0_protocol::rpc::health::health_server::{Health, HealthServer};
 use zk0_protocol::rpc::health::{HealthCheckRequest, HealthCheckResponse};
+use zk0_service::metrics::endpoint;
 use zk0_service::tls::server_certificate::ServerCertificate;
 
 /// Milliseconds until a new try.
