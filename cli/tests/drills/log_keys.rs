@@ -78,7 +78,8 @@ fn a_thief_of_the_logs_key_signs_nothing_that_counts() {
     let entries = network.entries().len();
     let refused = network.fails(&Reader::on_page(PAGE, ROTATE));
     assert!(refused.contains("make another one"), "{refused}");
-    let refused = network.fails("zk0 aggregator serve ledger --key log.key");
+    let former = "zk0 aggregator serve ledger --key log.key --listen 127.0.0.1:0";
+    let refused = network.fails(former);
     as_in_the_runbook(&refused, "and its operator has given the log another one");
     assert_eq!(network.entries().len(), entries);
     drill.typed.push(Reader::on_page(PAGE, SERVE));

@@ -168,7 +168,8 @@ fn a_store_that_cannot_fill_a_folder_is_named() {
     as_in_the_runbook(&kept.refuses(1, "other"), "holds no entries of one: ");
     assert!(!Path::new(&other).exists());
     // Without a store, it is as it was.
-    let reported = fails(&["aggregator", "serve", &other, "--key", &log_key]);
+    let serve = ["aggregator", "serve", &other, "--key", &log_key];
+    let reported = fails(&[&serve[..], &["--listen", "127.0.0.1:0"]].concat());
     assert!(reported.contains("there is no ledger in"), "{reported}");
 }
 
