@@ -154,7 +154,7 @@ fn read(
     }
     let (size, root) = (saved.size, saved.root);
     let content = StateStatement {
-        log_key: NodeId(genesis.log_key),
+        log_key: NodeId(*saved.state.log_keys().present()),
         build: statement.build,
         size,
         root,
