@@ -10,7 +10,6 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use zk0_circuits::vm::digest::tagged_sha256;
 use zk0_circuits::{Digest, NodeId};
-use zk0_ledger::folder;
 use zk0_ledger::log::Ledger;
 use zk0_ledger::replay::{this_build, HistoryFold, VerifiedHistory};
 use zk0_ledger::store::digest_set::DigestSet;

@@ -41,7 +41,7 @@ pub enum AggregatorCommand {
     /// the micro profile; for another policy, `init` states what it has to be.
     Rules(CommonRules),
     /// Found a network: its rules, its first policy, and its first nodes.
-    Init(Init),
+    Init(Box<Init>),
     /// Enrol nodes in a network: through its running aggregator (`--aggregator`), or in the ledger's folder if the aggregator is not running.
     Enrol(Enrol),
     /// Suspend a node, where the rules let the operator enrol nodes: it contributes nothing until it is reinstated. The ledger records it.
