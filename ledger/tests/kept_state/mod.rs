@@ -1,5 +1,6 @@
 //! A writer goes on from the state that it has kept, only where that counts.
 
+use crate::network::log_keys::*;
 use crate::network::long::db_key;
 use crate::network::rounds::{copy, ledger_with_a_round};
 use crate::network::*;
@@ -115,6 +116,22 @@ fn a_kept_state_has_the_digest_of_a_whole_replay() {
     fs::remove_file(folder::state(dir.path())).unwrap();
     assert_eq!(truth(&replays(dir.path(), Some(BUILD))), went_on);
     assert_eq!(replay(dir.path(), None, &mut ()).verdict, Verdict::Verified);
+}
+
+#[test]
+fn a_kept_state_counts_under_the_logs_later_key() {
+    let dir = tempfile::tempdir().unwrap();
+    let (dir, new) = (dir.path(), later_key(1));
+    drop(kept(dir));
+    let opened = Ledger::open_to_rotate(dir, None, new.clone(), None, Blobs::at(dir), &mut ());
+    let mut ledger = opened.unwrap();
+    ledger.rotate_key(&log_key(), T0).unwrap();
+    keep(&ledger);
+    let size = ledger.size();
+    drop(ledger);
+    let mut fold = Noting::of(Some(BUILD));
+    drop(Ledger::open_with(dir, None, new, Blobs::at(dir), &mut fold).unwrap());
+    assert_eq!(fold.kept, Some((KEPT.to_vec(), size)));
 }
 
 #[test]
