@@ -20,7 +20,8 @@ use crate::error::{io_error, LedgerError};
 use crate::folder;
 use crate::group::{check_key, group, TrialState, WantedEntry};
 use crate::pruned;
-use crate::replay::{continuing, HistoryFold, KeptState};
+use crate::replay::kept::{self, KeptState};
+use crate::replay::{continuing, HistoryFold};
 use crate::store::reader::LedgerReader;
 use crate::store::{Store, StoreBatch};
 use crate::stored_entries;
@@ -66,8 +67,6 @@ pub struct Ledger {
     poisoned: bool,
     /// An entry in whose place the store has another one.
     fenced: Option<u64>,
-    /// Whether the store had all entries of the folder at the opening.
-    confirmed: bool,
 }
 
 impl Ledger {
@@ -111,7 +110,6 @@ impl Ledger {
             store_watch: None,
             poisoned: false,
             fenced: None,
-            confirmed: false,
         };
         folder::sync(dir)?;
         folder::sync(folder_of(dir))?;
@@ -176,13 +174,15 @@ impl Ledger {
         }
         // No writes at first: RocksDB's recovery would make a loss permanent.
         let mut published = folder::read_checkpoint(dir)?;
-        let mut history = continuing::verify(
-            &Store::open_read_only(&path)?,
-            dir,
-            network,
-            published.as_deref(),
-            fold,
-        )?;
+        let snapshot = Store::open_read_only(&path)?;
+        let writer = NodeId(key.verifying_key().to_bytes());
+        let (kept, lacking) = match kept::resumed(&snapshot, dir, network, &writer, fold) {
+            Ok(history) => (Some(history), None),
+            Err(lacking) => (None, lacking),
+        };
+        let text = published.as_deref();
+        let mut history = continuing::verify_from(kept, &snapshot, dir, network, text, fold)?;
+        drop(snapshot);
         let store = Store::open(&path)?;
         let newest = store.checkpoint(store.size()?)?;
         if newest.as_deref() != Some(history.checkpoint()) {
@@ -199,17 +199,16 @@ impl Ledger {
             );
         }
         // After the blobs that they name.
-        let mut confirmed = false;
         if let Some(entries) = blobs.entry_store() {
-            let held = store.size()?;
             let known = (history.genesis(), history.state().log_keys());
-            let stored = stored_entries::reconcile(dir, &store, known, entries)?;
-            confirmed = stored >= held;
-            if stored > held {
+            if stored_entries::reconcile(dir, &store, known, entries)? {
                 published = folder::read_checkpoint(dir)?;
                 continuing::verify_rest(&store, dir, published.as_deref(), &mut history, fold)?;
             }
             pruned::reconcile(dir, history.genesis(), entries)?;
+        }
+        if let Some(signed) = lacking {
+            kept::check_signed(&store, dir, &signed)?;
         }
         let (state, tree, checkpoint) = history.into_parts();
         // The writer was killed between a commit and the checkpoint's publication.
@@ -231,7 +230,6 @@ impl Ledger {
             store_watch: None,
             poisoned: false,
             fenced: None,
-            confirmed,
         })
     }
 
@@ -456,11 +454,6 @@ impl Ledger {
     /// The ledger's folder.
     pub fn dir(&self) -> &Path {
         &self.dir
-    }
-
-    /// Whether the store of the blobs had all entries of the folder when the ledger was opened. Then no newer one was acknowledged.
-    pub fn is_confirmed(&self) -> bool {
-        self.confirmed
     }
 
     /// Proves that entry `index` is in the newest checkpoint's tree.

@@ -2,7 +2,6 @@
 //! with what the log signed.
 
 use super::database;
-use super::kept;
 use super::relay;
 use super::verified::{HistoryFold, VerifiedHistory};
 use crate::error::LedgerError;
@@ -22,10 +21,22 @@ pub fn verify(
     published: Option<&[u8]>,
     fold: &mut dyn HistoryFold,
 ) -> Result<VerifiedHistory, LedgerError> {
+    verify_from(None, store, dir, network, published, fold)
+}
+
+/// [`verify`], from what was verified before on ([`super::kept`]).
+pub fn verify_from(
+    before: Option<VerifiedHistory>,
+    store: &Store,
+    dir: &Path,
+    network: Option<&Digest>,
+    published: Option<&[u8]>,
+    fold: &mut dyn HistoryFold,
+) -> Result<VerifiedHistory, LedgerError> {
     if store.size()? == 0 {
         return Err(LedgerError::NoLedger(dir.into()));
     }
-    let mut history = match kept::resumed(store, dir, network, fold) {
+    let mut history = match before {
         Some(history) => history,
         None => {
             let found = VerifiedHistory::found(store, dir, network, fold);

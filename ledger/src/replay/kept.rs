@@ -1,13 +1,15 @@
 //! What a writer has verified, on disk: its next start replays only newer entries.
 //!
 //! The file `state` in the ledger's folder has the format of an audit's state ([`super::saved`]). It is as trustworthy as the folder itself:
-//! the log's key signs its content, as it signs each checkpoint, and it counts only where the database has its tree. So somebody who can
-//! write the folder, and has no key, can put no other state there. It counts only for the build that wrote it, because another may have
-//! other rules. If it does not count, the log states why, and the whole history is replayed. An audit reads all entries again.
+//! the log's key signs its content, as it signs each checkpoint, and it counts only for the writer with that key, where the database has its
+//! tree. So somebody who can write the folder, and has no key or a former one, can put no other state there. It counts only for the build
+//! that wrote it, because another may have other rules. If it does not count, the log states why, and the whole history is replayed. An audit
+//! reads all entries again.
 
 use super::chunk::Chunk;
 use super::saved::{SavedError, SavedReplay, Saving};
 use super::verified::{HistoryFold, VerifiedHistory};
+use crate::error::LedgerError;
 use crate::folder;
 use crate::store::Store;
 use borsh::{BorshDeserialize, BorshSerialize};
@@ -102,76 +104,119 @@ impl KeptState {
     }
 }
 
-/// The history that the kept state in `dir` covers, from which `fold` goes on. `None` if there is none that counts.
+/// The history that the kept state in `dir` covers, from which `fold` goes on, if `writer`, the key of this process, has signed it.
+///
+/// # Errors
+/// There is no state that counts. If the key has signed it, and the database lacks what it is about, this is the checkpoint of that.
 pub fn resumed(
     store: &Store,
     dir: &Path,
     network: Option<&Digest>,
+    writer: &NodeId,
     fold: &mut dyn HistoryFold,
-) -> Option<VerifiedHistory> {
+) -> Result<VerifiedHistory, Option<Checkpoint>> {
     let path = folder::state(dir);
     if !path.exists() {
-        return None;
+        return Err(None);
     }
-    let build = fold.build()?;
-    match read(&path, store, network, &build, fold) {
+    let Some(build) = fold.build() else {
+        return Err(None);
+    };
+    let signed = SignedState::read(&path, store, network, writer).map_err(|why| (why, None));
+    match signed.and_then(|signed| signed.history(store, &build, fold)) {
         Ok(history) => {
             let size = history.size();
             tracing::info!("the first {size} entries were verified before");
-            Some(history)
+            Ok(history)
         }
-        Err(why) => {
+        Err((why, lacking)) => {
             tracing::warn!(
                 "the whole history is replayed, because the kept state {} does not count: {why}",
                 path.display()
             );
-            None
+            Err(lacking)
         }
     }
 }
 
-fn read(
-    path: &Path,
-    store: &Store,
-    network: Option<&Digest>,
-    build: &Digest,
-    fold: &mut dyn HistoryFold,
-) -> Result<VerifiedHistory, String> {
-    let saved = SavedReplay::read(path).map_err(|error| error.to_string())?;
-    let saved = saved.ok_or("it was just deleted")?;
-    let kept = borsh::from_slice::<(Signed<StateStatement>, Vec<u8>)>(&saved.recheck);
-    let (signed, kept) = kept.map_err(|_| "no aggregator of this release wrote it")?;
-    let genesis = founder(store)?;
-    let found = genesis.network_id();
-    if *saved.network() != found || network.is_some_and(|network| *network != found) {
-        return Err(format!("it is of network {}", saved.network()));
+/// Checks that `store` has what the writer's key has `signed` with the kept state in `dir`.
+///
+/// # Errors
+/// The database was rolled back, or has another history.
+pub fn check_signed(store: &Store, dir: &Path, signed: &Checkpoint) -> Result<(), LedgerError> {
+    let held = store.known_tree(signed).map(drop);
+    held.inspect_err(|_| {
+        tracing::error!(
+            "the log's key has signed the kept state {}, and the database does not hold the entries that it is about",
+            folder::state(dir).display()
+        );
+    })
+}
+
+/// A kept state of the store's network, as the writer's key has signed it.
+struct SignedState {
+    saved: SavedReplay,
+    build: Digest,
+    fold: Vec<u8>,
+}
+
+impl SignedState {
+    fn read(
+        path: &Path,
+        store: &Store,
+        network: Option<&Digest>,
+        writer: &NodeId,
+    ) -> Result<Self, String> {
+        let saved = SavedReplay::read(path).map_err(|error| error.to_string())?;
+        let saved = saved.ok_or("it was just deleted")?;
+        let kept = borsh::from_slice::<(Signed<StateStatement>, Vec<u8>)>(&saved.recheck);
+        let (signed, fold) = kept.map_err(|_| "no aggregator of this release wrote it")?;
+        let found = founder(store)?.network_id();
+        if *saved.network() != found || network.is_some_and(|network| *network != found) {
+            return Err(format!("it is of network {}", saved.network()));
+        }
+        let verified = signed.verify().map(drop);
+        verified.map_err(|error| error.to_string())?;
+        let statement = signed.statement;
+        let content = StateStatement {
+            log_key: *writer,
+            build: statement.build,
+            size: saved.size,
+            root: saved.root,
+            state: saved.state.digest(),
+            fold: fold_digest(&fold),
+        };
+        if statement != content {
+            return Err("the log's present key has not signed what is in it".into());
+        }
+        Ok(Self {
+            saved,
+            build: statement.build,
+            fold,
+        })
     }
-    let verified = signed.verify().map(drop);
-    verified.map_err(|error| error.to_string())?;
-    let statement = signed.statement;
-    if statement.build != *build {
-        return Err("another build of zk0 wrote it".into());
+
+    /// The history that it covers. Otherwise why it does not count, and its checkpoint if the database lacks that.
+    fn history(
+        self,
+        store: &Store,
+        build: &Digest,
+        fold: &mut dyn HistoryFold,
+    ) -> Result<VerifiedHistory, (String, Option<Checkpoint>)> {
+        let (size, root) = (self.saved.size, self.saved.root);
+        let tree = store.known_tree(&Checkpoint { size, root });
+        let lacking = Some(Checkpoint { size, root });
+        let tree = tree.map_err(|error| (error.to_string(), lacking))?;
+        if self.build != *build {
+            return Err(("another build of zk0 wrote it".into(), None));
+        }
+        let went_on = fold.go_on(&self.fold, size);
+        went_on.map_err(|why| (why, None))?;
+        let SavedReplay {
+            state, checkpoints, ..
+        } = self.saved;
+        Ok(VerifiedHistory::resume(state, tree, checkpoints))
     }
-    let (size, root) = (saved.size, saved.root);
-    let content = StateStatement {
-        log_key: NodeId(*saved.state.log_keys().present()),
-        build: statement.build,
-        size,
-        root,
-        state: saved.state.digest(),
-        fold: fold_digest(&kept),
-    };
-    if statement != content {
-        return Err("the log's key has not signed what is in it".into());
-    }
-    let tree = store.known_tree(&Checkpoint { size, root });
-    let tree = tree.map_err(|error| error.to_string())?;
-    fold.go_on(&kept, size)?;
-    Ok(VerifiedHistory::resume(
-        saved.state,
-        tree,
-        saved.checkpoints,
-    ))
 }
 
 /// The genesis in the first entry.

@@ -13,7 +13,7 @@ mod auditing;
 mod chunk;
 pub(crate) mod continuing;
 mod database;
-mod kept;
+pub(crate) mod kept;
 pub mod missing_files;
 mod options;
 mod recheck;

@@ -142,11 +142,39 @@ fn a_kept_state_counts_for_its_build_alone() {
     drop(replays(dir.path(), None));
 }
 
+/// A thief of a former key can sign any state with it.
+#[test]
+fn a_kept_state_that_a_former_key_has_signed_does_not_count() {
+    let dir = tempfile::tempdir().unwrap();
+    let (dir, new) = (dir.path(), later_key(1));
+    drop(kept(dir));
+    let opened = Ledger::open_to_rotate(dir, None, new.clone(), None, Blobs::at(dir), &mut ());
+    let mut ledger = opened.unwrap();
+    ledger.rotate_key(&log_key(), T0).unwrap();
+    let truth = (ledger.size(), ledger.state().digest());
+    drop(ledger);
+    let mut fold = Noting::of(Some(BUILD));
+    let ledger = Ledger::open_with(dir, None, new, Blobs::at(dir), &mut fold).unwrap();
+    assert_eq!(fold.kept, None);
+    assert_eq!(fold.seen, (1..ledger.size()).collect::<Vec<_>>());
+    assert_eq!((ledger.size(), ledger.state().digest()), truth);
+}
+
+/// Opens the ledger, which must not go on: its key has signed a state of another log of this network.
+#[track_caller]
+fn refused(dir: &Path) -> LedgerError {
+    let before = fs::read(folder::state(dir)).unwrap();
+    let refused = open_as(dir, Some(BUILD)).0.err().unwrap();
+    // What shows it stays.
+    assert_eq!(fs::read(folder::state(dir)).unwrap(), before);
+    refused
+}
+
 #[test]
 fn a_kept_state_counts_for_its_log_alone() {
     let dirs = [(); 3].map(|()| tempfile::tempdir().unwrap());
     let [one, changed, other] = dirs.each_ref().map(|dir| dir.path());
-    drop(kept(one));
+    let size = kept(one).size();
     let put = |to: &Path| fs::copy(folder::state(one), folder::state(to)).unwrap();
     // All entries but one are the same.
     let (mut ledger, _) = Ledger::create(changed, genesis(), log_key(), T0).unwrap();
@@ -155,7 +183,11 @@ fn a_kept_state_counts_for_its_log_alone() {
     }
     drop(ledger);
     put(changed);
-    drop(replays(changed, Some(BUILD)));
+    let forked = refused(changed);
+    assert!(
+        matches!(forked, LedgerError::Forked { size: at, .. } if at == size),
+        "{forked}"
+    );
     let mut founded = genesis();
     founded.nonce = [77; 32];
     drop(Ledger::create(other, founded, log_key(), T0).unwrap());
@@ -164,7 +196,7 @@ fn a_kept_state_counts_for_its_log_alone() {
 }
 
 #[test]
-fn a_kept_state_of_more_entries_than_the_log_has_does_not_count() {
+fn a_kept_state_of_more_entries_shows_that_the_database_was_rolled_back() {
     let dir = tempfile::tempdir().unwrap();
     let [now, earlier] = ["now", "earlier"].map(|name| dir.path().join(name));
     drop(ledger_with_a_round(&now));
@@ -172,8 +204,16 @@ fn a_kept_state_of_more_entries_than_the_log_has_does_not_count() {
     let mut ledger = Ledger::open(&now, None, log_key()).unwrap();
     ledger.append(T0, enrolled(5)).unwrap();
     keep(&ledger);
+    let size = ledger.size();
     drop(ledger);
     fs::copy(folder::state(&now), folder::state(&earlier)).unwrap();
+    let rolled_back = refused(&earlier);
+    assert!(
+        matches!(rolled_back, LedgerError::RolledBack { held, signed } if held < size && signed == size),
+        "{rolled_back}"
+    );
+    // Its operator knows better.
+    fs::remove_file(folder::state(&earlier)).unwrap();
     drop(replays(&earlier, Some(BUILD)));
 }
 

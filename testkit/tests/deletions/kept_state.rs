@@ -8,11 +8,17 @@ const AGGREGATOR: &str = "aggregator/src/round/aggregator.rs";
 
 #[rustfmt::skip]
 pub const REMOVALS: &[Removal] = &[
-    ledger("a kept state counts for its build", KEPT, never!("statement.build != *build"), "a_kept_state_counts_for_its_build_alone"),
+    ledger("a kept state counts for its build", KEPT, never!("self.build != *build"), "a_kept_state_counts_for_its_build_alone"),
     ledger("the log's key has signed a kept state", KEPT, forgiven!("signed.verify().map(drop)"),
         "a_kept_state_that_the_logs_key_has_not_signed_does_not_count"),
     ledger("the signed state is the one that is kept", KEPT, never!("statement != content"),
         "a_kept_state_that_the_logs_key_has_not_signed_does_not_count"),
+    ledger("the log's present key has signed a kept state", KEPT,
+        instead!("*writer", "NodeId(*saved.state.log_keys().present())"),
+        "a_kept_state_that_a_former_key_has_signed_does_not_count"),
+    ledger("a kept state that the key has signed shows a rollback", "ledger/src/log.rs",
+        skipped!("kept::check_signed(&store, dir, &signed)?;"),
+        "a_kept_state_of_more_entries_shows_that_the_database_was_rolled_back"),
     ledger("the log has the tree of a kept state", KEPT,
         instead!("store.known_tree(&Checkpoint { size, root })", "Frontier::read(size, store).map_err(crate::error::LedgerError::from)"),
         "a_kept_state_counts_for_its_log_alone"),
