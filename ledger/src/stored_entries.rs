@@ -174,14 +174,13 @@ fn newest_key(store: &dyn EntryStore, genesis: &Genesis) -> Result<[u8; 32], Led
 }
 
 /// Brings the database in `dir` and the store to the same entries: takes those that the store has more, or puts there those that it lacks.
-/// The database's are verified, and determine the keys. Returns how many the store had. What the database has taken is verified by its
-/// checkpoints, not by the rules.
+/// The database's are verified, and determine the keys. Returns whether it has new entries, verified by their checkpoints, not by the rules.
 pub(crate) fn reconcile(
     dir: &Path,
     database: &Store,
     known: (&Genesis, &LogKeys),
     store: &dyn EntryStore,
-) -> Result<u64, LedgerError> {
+) -> Result<bool, LedgerError> {
     let held = database.size()?;
     let groups = groups_around(store, held)?;
     let stored = match groups.first() {
@@ -196,7 +195,7 @@ pub(crate) fn reconcile(
         put_rest(database, store, stored..held)?;
     }
     check_fence(store)?;
-    Ok(stored)
+    Ok(stored > held)
 }
 
 /// Checks that the store refuses to create what it has: that fences aggregators off from each other. Not every service that speaks S3 knows

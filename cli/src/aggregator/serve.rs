@@ -11,6 +11,7 @@ use crate::metrics::{serve_metrics, MetricsOptions};
 use crate::otlp::OtlpOptions;
 use crate::serve::{interrupted, listening_early, listening_if, online_until, ENDING};
 use anyhow::{anyhow, bail, Context, Result};
+use std::collections::BTreeSet;
 use std::future;
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -32,6 +33,7 @@ use zk0_aggregator::round::request_error::RequestError;
 use zk0_aggregator::serve::service::ServeError;
 use zk0_aggregator::start_progress::StartProgress;
 use zk0_aggregator::{Aggregator, Config, Service, SystemClock};
+use zk0_protocol::counted::counted;
 use zk0_service::tls::authorities::Authorities;
 use zk0_service::tls::server_certificate::ServerCertificate;
 
@@ -67,10 +69,10 @@ pub struct AggregatorServeOptions {
     /// Wait this many seconds for a witness to answer.
     #[arg(long, value_name = "SECONDS", default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=3600))]
     witness_seconds: u64,
-    /// Start although no witness answers, so that a vote can name others. Use this only if you know that the log signed nothing after this
-    /// folder was last used. A --blob-store that has all entries shows that, too.
-    #[arg(long)]
-    no_newer_checkpoint_exists: bool,
+    /// Start although no witness answers, so that a vote can name others. Use this only if you know that the newest checkpoint that the log
+    /// has signed is of SIZE entries. The ledger must have as many. This is for one start, so a settings file cannot have it.
+    #[arg(long, value_name = "SIZE")]
+    newest_checkpoint: Option<u64>,
     /// Fetch drand's beacons from the server at this address, if the rules name a beacon. Repeat the option for more servers; the next one
     /// is asked where one fails [default: the public servers of drand's "quicknet"]
     #[arg(long = "beacon", value_name = "URL")]
@@ -167,6 +169,14 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
         progress,
     );
     let aggregator = aggregator.map_err(with_exit_code)?;
+    let held = aggregator.ledger().size();
+    if let Some(size) = options.newest_checkpoint.filter(|size| *size != held) {
+        bail!(
+            "--newest-checkpoint states {}, but the ledger has {}: if the ledger has more, leave the option out; if it has fewer, it is an older copy: restore the newest one",
+            counted(size, "entry", "entries"),
+            counted(held, "entry", "entries")
+        );
+    }
     let rules = aggregator.state().rules();
     let policy = chosen_witnesses(&options.dir, rules, options.witness_policy.as_deref())?;
     let folders = options.folders.open(&aggregator, options.rounds)?;
@@ -183,7 +193,7 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
         let log_listener = listening_if(options.log_listen)?;
         let network = *aggregator.state().network();
         let checkpoint = aggregator.ledger().checkpoint().to_vec();
-        let is_newest = options.no_newer_checkpoint_exists || aggregator.ledger().is_confirmed();
+        let is_newest = options.newest_checkpoint.is_some();
         let reader = aggregator.ledger().reader().clone();
         let prove: ConsistencyProver = Arc::new(move |old, new| {
             let proof = reader.consistency_between(old, new);
@@ -210,7 +220,7 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
             service = service.encrypted(certificate.clone());
         }
         keep_current(certificate.as_ref(), "aggregator", address);
-        let mut unconfirmed = None;
+        let mut watched = None;
         if policy.wants_witnesses() {
             let patience = Duration::from_secs(options.witness_seconds);
             let authorities =
@@ -223,7 +233,7 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
                     () = &mut stop => return Ok(()),
                     checked = not_behind(&witnesses, checkpoint, prove, is_newest) => checked?,
                 }
-                unconfirmed = Some(witnesses.clone());
+                watched = Some(witnesses.clone());
             }
             service = service.witnessed(witnesses).await?;
         }
@@ -260,7 +270,7 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
         });
         let served = tokio::select! {
             served = service.serve(listener, stop) => served,
-            error = contradiction(unconfirmed) => return Err(error),
+            error = contradiction(watched) => return Err(error),
         };
         drop((ended, log_ended));
         let last_files = async {
@@ -299,8 +309,8 @@ fn with_exit_code(error: RequestError) -> anyhow::Error {
     }
 }
 
-/// Waits until a witness confirms that the log continues what it has cosigned, before anything is signed. If something else shows that the
-/// ledger is the newest one, it asks once.
+/// Waits until a witness confirms that the log continues what it has cosigned, before anything is signed. If the operator knows that the ledger is
+/// the newest one, it asks once.
 ///
 /// # Errors
 /// A witness has cosigned more entries, or others.
@@ -335,23 +345,28 @@ async fn not_behind(
     }
 }
 
-/// Ready when a witness that has not answered at the start contradicts. The first one that cosigns confirms the ledger.
-async fn contradiction(unconfirmed: Option<Arc<Witnesses>>) -> anyhow::Error {
-    let Some(witnesses) = unconfirmed else {
+/// Ready when a witness contradicts that has not cosigned since the start. It watches until all have.
+async fn contradiction(watched: Option<Arc<Witnesses>>) -> anyhow::Error {
+    let Some(witnesses) = watched else {
         return future::pending().await;
     };
+    let mut cosigned = BTreeSet::new();
     loop {
         let states = witnesses.states();
-        let contradicts = |state: &&WitnessState| {
-            let outage = state.outage.as_ref();
-            outage.is_some_and(|outage| outage.contradicts)
-        };
-        if let Some(WitnessState { name, outage, .. }) = states.iter().find(contradicts) {
-            let why = outage.as_ref().map_or("", |outage| outage.why.as_str());
-            let error = anyhow!("witness {name} {why}");
-            return error.context(OtherHistory::of(OTHER_HISTORY));
+        let all = states.len();
+        for WitnessState { name, outage, .. } in states {
+            match outage {
+                None => {
+                    cosigned.insert(name);
+                }
+                Some(outage) if outage.contradicts && !cosigned.contains(&name) => {
+                    let error = anyhow!("witness {name} {}", outage.why);
+                    return error.context(OtherHistory::of(OTHER_HISTORY));
+                }
+                Some(_) => {}
+            }
         }
-        if states.iter().any(|state| state.outage.is_none()) {
+        if cosigned.len() == all {
             return future::pending().await;
         }
         sleep(WITNESSES_APART).await;

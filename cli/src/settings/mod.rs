@@ -25,6 +25,9 @@ const SERVICES: [[&str; 2]; 6] = [
 
 const CONFIG: &str = "config";
 
+/// No file has these, but a variable may. The second is of one start of an aggregator.
+const NOT_IN_A_FILE: [&str; 2] = [CONFIG, "newest_checkpoint"];
+
 const ORDER: &str = "\
 Each setting is a flag, an environment variable and a key of the file that --config names (TOML). A flag counts before the variable, the \
 variable before the file, and the file before the default. In the file, a setting has the name of its flag without the dashes, or of its \
@@ -146,8 +149,8 @@ fn from_variables(command: &Command, matches: &ArgMatches) -> Vec<FromVariable> 
         return Vec::new();
     };
     let reported = service.get_arguments().filter(|arg| {
-        // No file has `--config`, but a variable may.
-        (is_setting(arg) || arg.get_id() == CONFIG) && !is_flag_given(arg, given)
+        let may_be_set = is_setting(arg) || NOT_IN_A_FILE.contains(&arg.get_id().as_str());
+        may_be_set && !is_flag_given(arg, given)
     });
     reported
         .filter_map(|arg| {
@@ -256,7 +259,8 @@ fn service_of(matches: &ArgMatches) -> Option<[&'static str; 2]> {
 /// Whether a file may hold it.
 fn is_setting(arg: &Arg) -> bool {
     let settable = [ArgAction::Set, ArgAction::Append, ArgAction::SetTrue];
-    arg.get_id() != CONFIG && settable.iter().any(|action| same(action, arg.get_action()))
+    !NOT_IN_A_FILE.contains(&arg.get_id().as_str())
+        && settable.iter().any(|action| same(action, arg.get_action()))
 }
 
 fn same(one: &ArgAction, other: &ArgAction) -> bool {

@@ -2,8 +2,9 @@
 
 use super::{Operated, SHORT_VOTE};
 use crate::harness::drill::Drill;
+use crate::harness::process::Process;
 use crate::harness::serving::Serving;
-use crate::harness::{as_in_the_runbook, copy, prints, text};
+use crate::harness::{as_in_the_runbook, copy, fails, prints, text};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
@@ -75,6 +76,12 @@ fn found(witnesses: &mut Witnesses, of: &[usize], quorum: usize) -> Operated {
     network
 }
 
+/// The size of the newest checkpoint in the ledger's folder.
+fn size(network: &Operated) -> String {
+    let checkpoint = fs::read_to_string(network.path("ledger/checkpoint")).unwrap();
+    checkpoint.lines().nth(1).unwrap().to_owned()
+}
+
 /// Waits until all entries are published.
 #[track_caller]
 pub(super) fn is_published(network: &Operated) {
@@ -126,7 +133,16 @@ fn a_policy_of_a_dead_witness_is_voted_away() {
     witnesses.off(0);
     // The aggregator is started again, too, before anybody votes.
     drop(aggregator);
-    let start = [&SOON[..], &["--no-newer-checkpoint-exists"]].concat();
+    let size = size(&network);
+    let (ledger, key) = (network.path("ledger"), network.path("log.key"));
+    let serve = ["aggregator", "serve", &ledger, "--key", &key];
+    let serve = [&serve[..], &["--listen", "127.0.0.1:0"], &SOON].concat();
+    let waiting: Vec<_> = serve.iter().map(|word| (*word).to_owned()).collect();
+    Process::start(&waiting).reports("no witness answers, so nobody knows");
+    let reported = fails(&[&serve[..], &["--newest-checkpoint", "1"]].concat());
+    let wrong = format!("states 1 entry, but the ledger has {size} entries: ");
+    assert!(reported.contains(&wrong), "{reported}");
+    let start = [&SOON[..], &["--newest-checkpoint", &size]].concat();
     let aggregator = network.serves(&start);
     let policy = witnesses.policy(&[1], 1);
     let _aggregator = is_replaced(&network, &mut drill, policy, aggregator);
@@ -135,11 +151,12 @@ fn a_policy_of_a_dead_witness_is_voted_away() {
     drill.passed();
 }
 
-/// The operator is wrong about the folder. The witness shows that when it is back, and nothing was published before.
+/// The operator is wrong about the folder, and so is a witness that lacks the newest entries. Another one shows that when it is back, and
+/// nothing was published before.
 #[test]
-fn an_aggregator_on_an_older_copy_ends_when_its_witness_is_back() {
-    let mut witnesses = Witnesses::made(1);
-    let network = found(&mut witnesses, &[0], 1);
+fn an_aggregator_on_an_older_copy_ends_when_a_witness_of_the_newest_one_is_back() {
+    let mut witnesses = Witnesses::made(3);
+    let network = found(&mut witnesses, &[0, 1, 2], 2);
     let runs = |enrolled: &[&str]| {
         let mut aggregator = network.serves(&SOON);
         enrolled.iter().for_each(|name| network.enrols(name));
@@ -149,12 +166,16 @@ fn an_aggregator_on_an_older_copy_ends_when_its_witness_is_back() {
     runs(&[]);
     let [ledger, older] = ["ledger", "older"].map(|name| network.path(name));
     copy(Path::new(&ledger), Path::new(&older));
+    witnesses.off(2);
     runs(&["bob"]);
     fs::remove_dir_all(&ledger).unwrap();
     fs::rename(&older, &ledger).unwrap();
-    witnesses.off(0);
-    let start = [&SOON[..], &["--no-newer-checkpoint-exists"]].concat();
+    [0, 1].map(|number| witnesses.off(number));
+    let size = size(&network);
+    let start = [&SOON[..], &["--newest-checkpoint", &size]].concat();
     let mut aggregator = network.serves(&start);
+    witnesses.on(2, &network);
+    aggregator.logs("witness W2 cosigns again");
     witnesses.on(0, &network);
     let ended = aggregator.ended_within(Duration::from_secs(120));
     assert_eq!(ended.and_then(|ended| ended.code()), Some(2));

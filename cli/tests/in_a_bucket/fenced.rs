@@ -3,9 +3,8 @@
 use super::{founded, serving};
 use crate::harness::drill::Drill;
 use crate::harness::network::LocalNetwork;
-use crate::harness::process::Process;
 use crate::harness::serving::Serving;
-use crate::harness::{as_in_the_runbook, copy, ends, fails, logged, logs, prints, words, zk0};
+use crate::harness::{as_in_the_runbook, copy, ends, fails, logged, logs, words, zk0};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -170,44 +169,4 @@ fn a_store_that_cannot_fill_a_folder_is_named() {
     let serve = ["aggregator", "serve", &other, "--key", &log_key];
     let reported = fails(&[&serve[..], &["--listen", "127.0.0.1:0"]].concat());
     assert!(reported.contains("there is no ledger in"), "{reported}");
-}
-
-/// The folder alone may be an older copy. A store that has all its entries shows that it is not.
-#[test]
-fn an_aggregator_whose_witnesses_are_gone_starts_where_the_store_has_all_entries() {
-    let kept = Kept {
-        network: founded(),
-        store: tempfile::tempdir().unwrap(),
-    };
-    let network = &kept.network;
-    let [ledger, secret, folder, policy] =
-        ["ledger", "w.key", "witness", "policy"].map(|name| network.path(name));
-    let name = ["--name", "witness.example/w"];
-    let witness = prints(&[&["witness", "keygen", &secret][..], &name].concat());
-    let log = prints(&["ledger", "vkey", &ledger]);
-    let serve = ["witness", "serve", &folder, "--key", &secret];
-    let more = ["--log-key", log.trim(), "--listen", "127.0.0.1:0"];
-    let served = Serving::start(&[&serve[..], &name, &more].concat());
-    let line = format!(
-        "witness W {} {}\nquorum W\n",
-        witness.trim(),
-        served.address
-    );
-    fs::write(&policy, line).unwrap();
-    let more = ["--rounds", "0", "--witness-policy", &policy];
-    let stored = kept.serving("ledger", &more);
-    let mut aggregator = Serving::start(&words(&stored));
-    aggregator.logs("checkpoint cosigned and published");
-    assert!(aggregator.terminate().success());
-    drop(served);
-    // An empty store confirms nothing.
-    let other = tempfile::tempdir().unwrap();
-    let other = format!("file://{}", other.path().display());
-    let other = [&["--blob-store", &*other][..], &more].concat();
-    for waits in [serving(network, &more), serving(network, &other)] {
-        let waits = Process::start(&waits);
-        waits.reports("no witness answers, so nobody knows");
-    }
-    // This returns when the aggregator listens.
-    drop(Serving::start(&words(&stored)));
 }

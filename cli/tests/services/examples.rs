@@ -15,6 +15,9 @@ const EXAMPLES: [(&str, [&str; 2]); 4] = [
     ("witness.toml", ["witness", "serve"]),
 ];
 
+/// It would be wrong at each start but one.
+const ONE_START: &str = "newest-checkpoint";
+
 fn example(name: &str) -> String {
     fs::read_to_string(root().join("packaging/config").join(name)).unwrap()
 }
@@ -69,6 +72,8 @@ fn help(command: [&str; 2]) -> BTreeMap<String, Shown> {
     for not_in_a_file in ["help", "config"] {
         settings.remove(not_in_a_file).unwrap();
     }
+    // An aggregator alone has it, for one start.
+    settings.remove(ONE_START);
     let shown = |text: String| Shown {
         default: bracketed(&text, "default"),
         variable: bracketed(&text, "env"),
@@ -90,6 +95,17 @@ fn each_example_holds_all_settings_of_its_command_and_no_other() {
         sorted.sort();
         assert_eq!(sorted, shown.keys().collect::<Vec<_>>(), "{name}");
     }
+}
+
+#[test]
+fn what_counts_for_one_start_is_in_no_file() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("aggregator.toml");
+    fs::write(&file, format!("{ONE_START} = 3\n")).unwrap();
+    let arguments = ["aggregator", "serve", "--config", harness::text(&file)];
+    let refused = logged(&ends(2, zk0(&arguments)));
+    let reported = format!("line 1: {ONE_START}: `zk0 aggregator serve` has no such setting");
+    assert!(refused.contains(&reported), "{refused}");
 }
 
 #[test]

@@ -133,21 +133,6 @@ fn what_is_acknowledged_is_in_the_store() {
     assert_eq!(grown.memory.entries(), entries(grown.dir()));
 }
 
-/// A folder that has more than the store may be an older copy of one that was used without it.
-#[test]
-fn a_store_with_all_entries_confirms_the_folder() {
-    let grown = Grown::new();
-    let is_confirmed = |dir: &Path| grown.memory.open(dir).unwrap().is_confirmed();
-    assert!(is_confirmed(grown.dir()) && is_confirmed(&grown.other()));
-    let mut ledger = Ledger::open(grown.dir(), None, log_key()).unwrap();
-    assert!(!ledger.is_confirmed());
-    grow(&mut ledger, 6..7);
-    drop(ledger);
-    assert!(!is_confirmed(grown.dir()));
-    // Now the store has them.
-    assert!(is_confirmed(grown.dir()));
-}
-
 #[test]
 fn an_empty_folder_is_filled_from_the_store() {
     let grown = Grown::new();

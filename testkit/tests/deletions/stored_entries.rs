@@ -53,7 +53,6 @@ pub const REMOVALS: &[Removal] = &[
         "what_was_pruned_is_known_in_an_empty_folder"),
     ledger("a later statement about what was pruned stays", "ledger/src/pruned.rs",
         never!("signed.statement.and(&stored.statement) != signed.statement"), "who_knows_less_of_what_was_pruned_deletes_nothing"),
-    ledger("a store that lacks entries confirms no folder", LOG, always!("stored >= held"), "a_store_with_all_entries_confirms_the_folder"),
     ledger("a folder with a checkpoint is not filled", LOG, always!("folder::read_checkpoint(dir)?.is_none()"),
         "a_folder_that_has_lost_its_database_is_not_filled"),
 ];
