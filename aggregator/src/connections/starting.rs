@@ -7,7 +7,10 @@ use crate::connections::windows::Windows;
 use crate::observe::connections::ConnectionMetrics;
 use crate::publish::http::{self, HttpLimits};
 use crate::start_progress::StartProgress;
+use axum::extract::Request as Asked;
+use axum::middleware::{from_fn, Next};
 use axum::response::Response as Answer;
+use axum::Router;
 use hyper_util::rt::{TokioExecutor, TokioTimer};
 use hyper_util::server::conn::auto::Builder;
 use std::future::pending;
@@ -19,6 +22,7 @@ use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::runtime;
 use tokio::sync::oneshot;
+use tokio::time::timeout;
 use tokio_stream::Once;
 use tonic::service::Routes;
 use tonic::{Code, Request, Response, Status};
@@ -35,6 +39,12 @@ const AFTER_MS: u64 = 2000;
 /// Requests in progress on one connection.
 const REQUESTS: usize = 4;
 
+/// The largest message, in bytes: the name of a service.
+const MESSAGE_BYTES: usize = 1024;
+
+/// For one request, whose message is that small.
+const REQUEST: Duration = Duration::from_secs(5);
+
 /// Time at the end for answers, which take no time.
 const DRAIN: Duration = Duration::from_secs(1);
 
@@ -45,7 +55,7 @@ pub struct StartingServer {
 }
 
 impl StartingServer {
-    /// Answers on `listener`, and on that of the metrics. Both stay open for the aggregator.
+    /// Answers on `listener` within `limits`, and on that of the metrics. Both stay open for the aggregator.
     ///
     /// # Errors
     /// The system has no more threads or open files.
@@ -53,6 +63,7 @@ impl StartingServer {
         listener: &SystemListener,
         metrics: Option<&SystemListener>,
         certificate: Option<&Arc<ServerCertificate>>,
+        limits: ConnectionLimits,
         progress: StartProgress,
     ) -> io::Result<Self> {
         let listener = listener.try_clone()?;
@@ -87,17 +98,19 @@ impl StartingServer {
                 let answer: Answer = turned_down(&progress).into_http();
                 async move { answer }
             };
-            let health = Routes::new(HealthServer::new(StartingHealth));
+            let health = HealthServer::new(StartingHealth);
+            let health = Routes::new(health.max_decoding_message_size(MESSAGE_BYTES));
+            let router = health.prepare().into_axum_router().fallback(refused);
             let serving = Serving {
                 limits: ConnectionLimits {
                     drain: DRAIN,
-                    ..ConnectionLimits::default()
+                    ..limits
                 },
                 protocol,
                 windows: Windows::new(),
                 requests: REQUESTS,
                 tls: acceptor,
-                router: health.prepare().into_axum_router().fallback(refused),
+                router: in_time(router, REQUEST),
                 metrics: ConnectionMetrics::default(),
             };
             let stopped = async {
@@ -121,6 +134,15 @@ impl Drop for StartingServer {
             let _ = thread.join();
         }
     }
+}
+
+/// The routes, with `patience` for each request.
+fn in_time(router: Router, patience: Duration) -> Router {
+    router.layer(from_fn(move |request: Asked, next: Next| async move {
+        let answered = timeout(patience, next.run(request)).await;
+        answered
+            .unwrap_or_else(|_| Status::deadline_exceeded("the request took too long").into_http())
+    }))
 }
 
 fn turned_down(progress: &StartProgress) -> Status {
@@ -156,5 +178,22 @@ impl Health for StartingHealth {
         _: Request<HealthCheckRequest>,
     ) -> Result<Response<Self::WatchStream>, Status> {
         Ok(Response::new(tokio_stream::once(Ok(not_serving()))))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use axum::body::Body;
+    use hyper::service::Service;
+    use hyper_util::service::TowerToHyperService;
+
+    #[tokio::test]
+    async fn a_request_takes_a_bounded_time() {
+        let router = in_time(Router::new().fallback(pending::<Answer>), Duration::ZERO);
+        let service = TowerToHyperService::new(router);
+        let answered = service.call(Asked::new(Body::empty())).await.unwrap();
+        let status = Status::from_header_map(answered.headers()).unwrap();
+        assert_eq!(status.code(), Code::DeadlineExceeded);
     }
 }

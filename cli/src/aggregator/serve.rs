@@ -147,6 +147,7 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
         &listener,
         metrics.as_ref().map(|(listener, _)| listener),
         certificate.as_ref(),
+        limits.connections,
         progress.clone(),
     )?;
     let blobs = options.store.blobs(&options.dir)?;
@@ -166,7 +167,7 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
         Arc::new(SystemClock),
         config,
         blobs.clone(),
-        progress,
+        progress.clone(),
     );
     let aggregator = aggregator.map_err(with_exit_code)?;
     let held = aggregator.ledger().size();
@@ -229,6 +230,7 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
             let witnesses = Arc::new(Witnesses::believing(policy, patience, &authorities)?);
             // If the witnesses of a new policy never answer, a vote has to be able to replace them.
             if !is_new {
+                progress.waits_for_witness();
                 tokio::select! {
                     () = &mut stop => return Ok(()),
                     checked = not_behind(&witnesses, checkpoint, prove, is_newest) => checked?,
