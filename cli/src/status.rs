@@ -131,6 +131,7 @@ struct Facts {
     blob_store_failing_ms: Option<u64>,
     backup_ms: Option<u64>,
     backup_entries: Option<u64>,
+    backup_lacks_since_ms: Option<u64>,
     program: String,
     trouble: Vec<TroubleFacts>,
 }
@@ -205,6 +206,7 @@ impl StatusView {
             blob_store_failing_ms: now.blob_store_failing_ms,
             backup_ms: now.backup_ms,
             backup_entries: now.backup_entries,
+            backup_lacks_since_ms: now.backup_lacks_since_ms,
             program: now.program.clone(),
             trouble: now.trouble.iter().map(TroubleFacts::from).collect(),
         }
@@ -282,10 +284,14 @@ impl StatusView {
             None => "disk         the system does not state how full it is".into(),
         });
         lines.push(match now.backup_ms.zip(now.backup_entries) {
+            Some((_, entries)) if entries > now.entries => format!(
+                "backup       it has {} that the ledger lacks: the ledger was rolled back",
+                counted(entries - now.entries, "entry", "entries")
+            ),
             Some((finished_ms, entries)) => format!(
                 "backup       {} old; the ledger has {} that it lacks",
                 duration(now.now_ms.saturating_sub(finished_ms)),
-                counted(now.entries.saturating_sub(entries), "entry", "entries")
+                counted(now.entries - entries, "entry", "entries")
             ),
             None => "backup       none yet".into(),
         });

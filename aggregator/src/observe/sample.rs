@@ -79,12 +79,12 @@ impl Sampled {
         );
         one(
             "backup_age_seconds",
-            "Seconds since the last backup of the ledger was finished, or -1 before the first",
+            "Age of the oldest entry that the last backup of the ledger lacks; 0 if it lacks none, -1 before the first",
             &new.backup_age,
         );
         one(
             "backup_lag_entries",
-            "Entries that the last backup of the ledger lacks",
+            "Entries that the last backup of the ledger lacks; below 0 if the ledger lacks entries of it",
             &new.backup_lag,
         );
         new
@@ -124,12 +124,10 @@ impl Sampled {
         let held = self.log_store.load(Ordering::Relaxed);
         let lag = status.published.saturating_sub(held);
         self.log_store_lag.set(gauged(lag));
-        let age = status.backup_ms.map_or(-1, |finished_ms| {
-            gauged(status.now_ms.saturating_sub(finished_ms) / 1000)
-        });
-        self.backup_age.set(age);
-        let saved = status.backup_entries.unwrap_or(0);
-        let lag = status.entries.saturating_sub(saved);
-        self.backup_lag.set(gauged(lag));
+        let oldest_ms = status.backup_lacks_since_ms.unwrap_or(status.now_ms);
+        let age = gauged(status.now_ms.saturating_sub(oldest_ms) / 1000);
+        self.backup_age.set(status.backup_ms.map_or(-1, |_| age));
+        let saved = gauged(status.backup_entries.unwrap_or(0));
+        self.backup_lag.set(gauged(status.entries) - saved);
     }
 }

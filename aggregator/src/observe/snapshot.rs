@@ -28,6 +28,7 @@ pub fn snapshot(aggregator: &Aggregator) -> StatusInfo {
     let now_ms = aggregator.now_ms();
     let disk = Disk::of(aggregator.ledger().dir());
     let backup = folder::read_backed_up(aggregator.ledger().dir());
+    let lacking = backup.and_then(|last| aggregator.ledger().entry(last.entries).ok());
     let store = aggregator.ledger().blobs().usage();
     let failing_ms = store.map(|usage| usage.failing().map_or(0, |since| millis(since).max(1)));
     StatusInfo {
@@ -50,6 +51,7 @@ pub fn snapshot(aggregator: &Aggregator) -> StatusInfo {
         blob_store_failing_ms: failing_ms,
         backup_ms: backup.map(|last| last.time_ms),
         backup_entries: backup.map(|last| last.entries),
+        backup_lacks_since_ms: lacking.map(|first| first.time_ms),
         program: state.program().to_string(),
         ..StatusInfo::default()
     }

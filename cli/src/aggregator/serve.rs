@@ -311,8 +311,8 @@ fn with_exit_code(error: RequestError) -> anyhow::Error {
     }
 }
 
-/// Waits until a witness confirms that the log continues what it has cosigned, before anything is signed. If the operator knows that the ledger is
-/// the newest one, it asks once.
+/// Waits until a witness confirms that the log continues what it has cosigned, before anything is signed. If the operator knows that the
+/// ledger is the newest one, it asks once.
 ///
 /// # Errors
 /// A witness has cosigned more entries, or others.

@@ -305,10 +305,16 @@ fn the_age_of_the_last_backup_is_shown() {
 
     let [ledger, out] = ["ledger", "saved"].map(|name| observed.network.path(name));
     prints(&["ledger", "backup", &ledger, &out]);
-    assert!(observed.shown.metric("zk0_backup_age_seconds") >= 0.0);
+    assert_eq!(observed.shown.metric("zk0_backup_age_seconds"), 0.0);
     assert_eq!(observed.shown.metric("zk0_backup_lag_entries"), 0.0);
     let status = json(&observed.asking(&["status", "--json"], &of));
     assert_eq!(status["backup_entries"], status["entries"], "{status}");
+    assert_eq!(status["backup_lacks_since_ms"], Value::Null, "{status}");
+    // An old backup is as good while it lacks nothing.
+    let entries = status["entries"].as_u64().unwrap();
+    let recorded = Path::new(&ledger).join("backed-up");
+    fs::write(&recorded, format!("1000 {entries}")).unwrap();
+    assert_eq!(observed.shown.metric("zk0_backup_age_seconds"), 0.0);
 
     let [key, new] = ["log.key", "new.key"].map(|name| observed.network.path(name));
     let identity = prints(&["node", "keygen", &new]);
@@ -321,6 +327,18 @@ fn the_age_of_the_last_backup_is_shown() {
         lacks.contains("old; the ledger has 1 entry that it lacks"),
         "{lacks}"
     );
+    let status = json(&observed.asking(&["status", "--json"], &of));
+    let (since, last) = (&status["backup_lacks_since_ms"], &status["last_entry_ms"]);
+    assert_eq!(since, last, "{status}");
+    // The backup itself is of 1970.
+    let age = observed.shown.metric("zk0_backup_age_seconds");
+    assert!((0.0..86_400.0).contains(&age), "{age}");
+    // A ledger that lacks entries of its backup was rolled back.
+    fs::write(&recorded, format!("1000 {}", entries + 3)).unwrap();
+    assert_eq!(observed.shown.metric("zk0_backup_lag_entries"), -2.0);
+    let rolled_back = prints(&observed.asking(&["status"], &of));
+    let reported = "it has 2 entries that the ledger lacks: the ledger was rolled back";
+    assert!(rolled_back.contains(reported), "{rolled_back}");
 }
 
 #[test]
