@@ -6,6 +6,7 @@ use std::path::Path;
 use std::sync::Arc;
 use zk0_aggregator::Aggregator;
 use zk0_circuits::Digest;
+use zk0_ledger::store::digest_set::DigestSet;
 use zk0_ledger::{folder, Ledger};
 use zk0_protocol::Body;
 use zk0_testkit::aggregator::operator::Operator;
@@ -148,6 +149,31 @@ fn a_state_without_its_public_blobs_does_not_count() {
     // Those of an earlier state are too few.
     copy_folder(older.path(), &public);
     replays();
+}
+
+#[test]
+fn public_blobs_that_cannot_be_opened_are_read_again() {
+    let dir = tempfile::tempdir().unwrap();
+    kept(dir.path());
+    let public = folder::public(dir.path());
+    // A reader needs no lock.
+    fs::remove_file(public.join("LOCK")).unwrap();
+    fs::create_dir(public.join("LOCK")).unwrap();
+    assert!(DigestSet::covered(&public).unwrap() > 0);
+    let refused = DigestSet::open(&public).err().unwrap().to_string();
+    assert!(
+        refused.starts_with(&public.display().to_string()),
+        "{refused}"
+    );
+    assert!(refused.contains("Delete this folder"), "{refused}");
+    let mut aggregator = opened(dir.path());
+    assert_eq!(aggregator.kept_entries(), 0);
+    let known = known(&aggregator, &blobs(3)).2;
+    assert!(known[..6].iter().all(|public| *public));
+    assert!(aggregator.keep_state().unwrap());
+    let kept = aggregator.kept_entries();
+    drop(aggregator);
+    knows_what_a_replay_knows(dir.path(), kept, 3);
 }
 
 fn copy_folder(from: &Path, to: &Path) {

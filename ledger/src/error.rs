@@ -135,6 +135,11 @@ pub enum LedgerError {
     /// The database failed.
     #[error("database: {0}")]
     Database(#[from] DatabaseError),
+    /// The set of the public blobs, which belongs to a kept state, cannot be read or written.
+    #[error(
+        "{path}: {why}. Delete this folder and start again: the whole history is then replayed"
+    )]
+    PublicSet { path: PathBuf, why: String },
     /// A blob cannot be read or written.
     #[error(transparent)]
     Blob(#[from] BlobError),

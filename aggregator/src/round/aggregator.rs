@@ -143,14 +143,8 @@ impl Aggregator {
         blobs: Blobs,
         progress: StartProgress,
     ) -> Result<Self, RequestError> {
-        let public = folder::public(dir);
-        let mut reader = IndexFold::new(public.clone(), progress);
-        let mut ledger = Ledger::open_with(dir, network, key, blobs, &mut reader)?;
+        let (mut ledger, reader, older_public) = read(dir, network, &key, &blobs, &progress)?;
         let kept = reader.kept();
-        let older_public = match kept {
-            0 => None,
-            _ => Some(Arc::new(DigestSet::open(&public)?)),
-        };
         check_genesis(ledger.state().genesis())?;
         check_open_round(ledger.state())?;
         if let Some(pruning) = pruned::read(dir, ledger.state().genesis())? {
@@ -368,6 +362,34 @@ impl Aggregator {
         self.index.observe_program(self.ledger.state());
         self.after_recording(begin_ms);
         Ok(receipt)
+    }
+}
+
+/// Opens the ledger, and the set of public blobs that belongs to its kept state, if that counts. Without the set, it does not: a set that
+/// cannot be opened is deleted, and the ledger is read again.
+fn read(
+    dir: &Path,
+    network: Option<&Digest>,
+    key: &SigningKey,
+    blobs: &Blobs,
+    progress: &StartProgress,
+) -> Result<(Ledger, IndexFold, Option<Arc<DigestSet>>), RequestError> {
+    let public = folder::public(dir);
+    loop {
+        let mut reader = IndexFold::new(public.clone(), progress.clone());
+        let ledger = Ledger::open_with(dir, network, key.clone(), blobs.clone(), &mut reader)?;
+        if reader.kept() == 0 {
+            return Ok((ledger, reader, None));
+        }
+        match DigestSet::open(&public) {
+            Ok(set) => return Ok((ledger, reader, Some(Arc::new(set)))),
+            Err(error) => {
+                tracing::warn!(
+                    "this start deletes a folder, and replays the whole history: {error}"
+                );
+                DigestSet::remove(&public)?;
+            }
+        }
     }
 }
 

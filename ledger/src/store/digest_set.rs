@@ -6,8 +6,8 @@
 //! | `entries` | how many entries of the log the set covers, at least (big-endian) |
 
 use super::on_rocksdb::options;
-use crate::error::{io_error, DatabaseError, LedgerError};
-use rocksdb::{WriteBatch, WriteOptions, DB};
+use crate::error::{io_error, LedgerError};
+use rocksdb::{Error, WriteBatch, WriteOptions, DB};
 use std::fs;
 use std::io::ErrorKind;
 use std::path::Path;
@@ -21,18 +21,23 @@ pub struct DigestSet(DB);
 impl DigestSet {
     /// Makes an empty set in `path`, in place of what is there.
     pub fn create(path: &Path) -> Result<Self, LedgerError> {
-        match fs::remove_dir_all(path) {
-            Err(error) if error.kind() == ErrorKind::NotFound => {}
-            removed => removed.map_err(io_error(path))?,
-        }
+        Self::remove(path)?;
         Self::open(path)
+    }
+
+    /// Removes what is in `path`, if anything is.
+    pub fn remove(path: &Path) -> Result<(), LedgerError> {
+        match fs::remove_dir_all(path) {
+            Err(error) if error.kind() == ErrorKind::NotFound => Ok(()),
+            removed => removed.map_err(io_error(path)),
+        }
     }
 
     /// Opens the set in `path`, by one process at a time.
     pub fn open(path: &Path) -> Result<Self, LedgerError> {
         let mut options = options();
         options.create_if_missing(true);
-        Ok(Self(DB::open(&options, path).map_err(DatabaseError::from)?))
+        Ok(Self(DB::open(&options, path).map_err(failed(path))?))
     }
 
     /// How many entries of its log the set in `path` covers, at least; 0 without a set.
@@ -40,15 +45,15 @@ impl DigestSet {
         if !path.join("CURRENT").exists() {
             return Ok(0);
         }
-        let set = DB::open_for_read_only(&options(), path, false).map_err(DatabaseError::from)?;
-        let entries = set.get(ENTRIES).map_err(DatabaseError::from)?;
+        let set = DB::open_for_read_only(&options(), path, false).map_err(failed(path))?;
+        let entries = set.get(ENTRIES).map_err(failed(path))?;
         let entries = entries.and_then(|entries| entries.try_into().ok());
         Ok(entries.map_or(0, u64::from_be_bytes))
     }
 
     /// Whether the set has this digest.
     pub fn contains(&self, digest: &Digest) -> Result<bool, LedgerError> {
-        let found = self.0.get(digest.0).map_err(DatabaseError::from)?;
+        let found = self.0.get(digest.0).map_err(failed(self.0.path()))?;
         Ok(found.is_some())
     }
 
@@ -61,9 +66,15 @@ impl DigestSet {
         batch.put(ENTRIES, entries.to_be_bytes());
         let mut durable = WriteOptions::default();
         durable.set_sync(true);
-        Ok(self
-            .0
-            .write_opt(batch, &durable)
-            .map_err(DatabaseError::from)?)
+        let written = self.0.write_opt(batch, &durable);
+        written.map_err(failed(self.0.path()))
+    }
+}
+
+/// The error of RocksDB, with what to do.
+fn failed(path: &Path) -> impl FnOnce(Error) -> LedgerError + '_ {
+    move |error| LedgerError::PublicSet {
+        path: path.into(),
+        why: error.to_string(),
     }
 }
