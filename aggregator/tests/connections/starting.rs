@@ -91,7 +91,8 @@ async fn a_start_has_the_limits_of_the_service() -> Test {
     let starting = StartingServer::begin(&listener, None, None, limits, progress)?;
     let mut silent = TcpStream::connect(listener.local_addr()?).await?;
     // By default, it would have half a minute.
-    let closed = silent.read_to_end(&mut Vec::new());
+    let mut sent = Vec::new();
+    let closed = silent.read_to_end(&mut sent);
     timeout(Duration::from_secs(15), closed).await??;
     tokio::task::spawn_blocking(move || drop(starting)).await?;
     Ok(())

@@ -170,7 +170,9 @@ fn an_aggregator_on_an_older_copy_ends_when_a_witness_of_the_newest_one_is_back(
     runs(&["bob"]);
     fs::remove_dir_all(&ledger).unwrap();
     fs::rename(&older, &ledger).unwrap();
-    [0, 1].map(|number| witnesses.off(number));
+    for number in [0, 1] {
+        witnesses.off(number);
+    }
     let size = size(&network);
     let start = [&SOON[..], &["--newest-checkpoint", &size]].concat();
     let mut aggregator = network.serves(&start);
