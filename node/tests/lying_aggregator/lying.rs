@@ -2,6 +2,8 @@
 
 use super::Failures;
 use std::pin::Pin;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::Arc;
 use tokio_stream::{Stream, StreamExt};
 use tonic::{Request, Response, Status, Streaming};
 use zk0_protocol::rpc::federation as rpc;
@@ -12,6 +14,10 @@ pub struct Lying {
     pub genesis: Vec<u8>,
     pub checkpoint: String,
     pub round: rpc::RoundInfo,
+    /// What it names as the program in force, if not the round's.
+    pub in_force: Option<Vec<u8>>,
+    /// Counts the nodes that follow the round.
+    pub follows: Arc<AtomicUsize>,
     pub governance: rpc::GovernanceInfo,
     pub failures: Failures,
     pub protocol: u32,
@@ -37,7 +43,11 @@ impl Federation for Lying {
     }
 
     async fn get_round(&self, _: Request<rpc::GetRoundRequest>) -> Answer<rpc::RoundInfo> {
-        Ok(Response::new(self.round.clone()))
+        let mut round = self.round.clone();
+        if let Some(program) = &self.in_force {
+            round.program = program.clone();
+        }
+        Ok(Response::new(round))
     }
 
     type WatchRoundStream = Pin<Box<dyn Stream<Item = Result<rpc::RoundInfo, Status>> + Send>>;
@@ -47,6 +57,7 @@ impl Federation for Lying {
         _: Request<rpc::GetRoundRequest>,
     ) -> Answer<Self::WatchRoundStream> {
         self.fail()?;
+        self.follows.fetch_add(1, Ordering::Relaxed);
         let told = tokio_stream::once(Ok(self.round.clone()));
         Ok(Response::new(Box::pin(told.chain(tokio_stream::pending()))))
     }

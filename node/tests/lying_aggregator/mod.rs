@@ -9,6 +9,7 @@ mod proof_in_time;
 
 use lying::Lying;
 use std::fs;
+use std::sync::atomic::AtomicUsize;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::net::TcpListener;
@@ -30,6 +31,7 @@ use zk0_protocol::challenge::drawing::{Drawing, RandomnessError};
 use zk0_protocol::challenge::source::RandomnessSource;
 use zk0_protocol::challenge::vrf::VrfProof;
 use zk0_protocol::entries::entry::{RandomnessDrawn, RoundOpened};
+use zk0_protocol::entries::program::Program;
 use zk0_protocol::entries::proposal::{Action, Ballot};
 use zk0_protocol::rpc::federation as rpc;
 use zk0_protocol::rpc::federation::federation_server::FederationServer;
@@ -53,6 +55,10 @@ struct Told {
     later_since: Option<u64>,
     /// Whether the receipts have the founding key's signature even so.
     by_thief: bool,
+    /// The program in force, if the aggregator names another one than the round's.
+    in_force: Option<Program>,
+    /// How often a node began to follow the round.
+    follows: Arc<AtomicUsize>,
 }
 
 impl Told {
@@ -82,6 +88,8 @@ impl Told {
             closing,
             later_since: None,
             by_thief: false,
+            in_force: None,
+            follows: Arc::default(),
         }
     }
 
@@ -172,10 +180,13 @@ impl Told {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let url = format!("http://{}", listener.local_addr().unwrap());
         let checkpoint = self.checkpoint(self.leaves.len() as u64);
+        let in_force = self.in_force.as_ref();
         let lying = Lying {
             genesis: self.leaves[0].clone(),
             checkpoint: String::from_utf8(checkpoint).unwrap(),
             round,
+            in_force: in_force.map(|program| borsh::to_vec(program).unwrap()),
+            follows: self.follows.clone(),
             governance: self.governance(),
             failures,
             protocol,

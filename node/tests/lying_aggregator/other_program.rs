@@ -1,6 +1,7 @@
 //! A node that lacks the program in force neither trains nor ends.
 
 use super::Told;
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 use tokio::time::timeout;
 use zk0_node::client::carried::carried;
@@ -38,4 +39,28 @@ async fn a_node_waits_while_it_lacks_the_program_in_force() {
             assert!(begins.is_err() && starts.is_err(), "{program}");
         }
     }
+}
+
+/// The aggregator names one program for the open round, and another one as that in force.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_node_that_is_told_two_programs_asks_less_and_less_often() {
+    let [own] = carried(genesis().mode);
+    let told = Told {
+        in_force: Some(own),
+        ..Told::new()
+    };
+    let info = rpc::RoundInfo {
+        opened: told.receipt(3, 4),
+        program: borsh::to_vec(&Program::founding(&[2; 32])).unwrap(),
+        invited: true,
+        ..rpc::RoundInfo::default()
+    };
+    let (mut node, server) = told.connected(info).await;
+    let patience = Duration::from_secs(3);
+    let begins = timeout(patience, node.wait_for_provable_round(0)).await;
+    server.abort();
+    assert!(begins.is_err());
+    // The first waits are half a second, three quarters, and longer.
+    let follows = told.follows.load(Ordering::Relaxed);
+    assert!(follows <= 4, "{follows}");
 }

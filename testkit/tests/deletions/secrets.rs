@@ -9,6 +9,8 @@ const REGISTERING: &str = "node/src/recording/registering.rs";
 pub const REMOVALS: &[Removal] = &[
     node("a node begins no round whose program it lacks", "node/src/client/carried.rs", always!("carried.contains(&open.program)"),
         "a_node_waits_while_it_lacks_the_program_in_force"),
+    node("a node that is told two programs pauses", "node/src/client/carried.rs", skipped!("lack.waits.shortly().await;"),
+        "a_node_that_is_told_two_programs_asks_less_and_less_often"),
     node("a node that lacks the program does not start", "node/src/client/carried.rs", always!("carried.contains(&needed)"),
         "a_node_waits_while_it_lacks_the_program_in_force"),
     node("an argument is counted before it is made", "node/src/turn/prepared_claim.rs",
