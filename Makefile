@@ -178,8 +178,9 @@ bench-ledger: setup
 	$(CARGO_TARGET_DIR)/release/examples/bench_ledger
 
 # Makes the history of a year, 8,760 rounds of 100 nodes without proofs, and measures on it the start of an aggregator, from its kept state (at a tenth
-# of the year, too) and without, and the audit of one more day: entries, rules and signatures. Prints JSON lines; the peer of a figure is its aim. Half
-# an hour, and 5 GB of disk where temporary files go. ROUNDS makes another number of rounds.
+# of the year, too) and without, and the audit of one more day: entries, rules and signatures. Prints JSON lines; the peer of a figure is its aim. The
+# best case is measured, without a bucket, a log server or witnesses: nothing is new after the kept state, except in `years_start_kept_most_new`, with
+# 4,095 new entries. Half an hour, and 5 GB of disk where temporary files go. ROUNDS makes another number of rounds.
 bench-years: ROUNDS = 8760
 bench-years: setup
 	$(RUST) cargo build --release --workspace --locked --example bench_ledger --example bench_start

@@ -1,6 +1,6 @@
 //! What a long history costs: the start of an aggregator, and the audit of one more day. The peer of a figure is its aim.
 
-use crate::network::{grow, with_nodes};
+use crate::network::{enrolments, grow, record, with_nodes, TIME};
 use crate::{figure, measured, print_measured};
 use anyhow::{bail, Result};
 use std::fs;
@@ -12,6 +12,12 @@ use zk0_ledger::{folder, Ledger};
 use zk0_testkit::network::log_key;
 
 const NODES: u64 = 100;
+
+/// Entries of one round.
+const ROUND: u64 = 2 * NODES + 4;
+
+/// The most new entries that a start reads without keeping its state again.
+const NEWER: u64 = 4095;
 
 /// Rounds of one day.
 const DAY: u64 = 24;
@@ -57,8 +63,11 @@ pub fn measure(dir: &Path, rounds: u64) -> Result<()> {
         figure(&bench, growth, GROWTH_AIM, true, unit);
     }
 
+    extend_by(&ledger, NEWER)?;
+    kept(&ledger, "years_start_kept_most_new")?;
+
     audited(&ledger, &state)?;
-    extend(&ledger, rounds + DAY)?;
+    extend(&ledger, rounds + NEWER / ROUND + DAY)?;
     let [_, seconds, _] = audited(&ledger, &state)?;
     let unit = "s; entries, rules and signatures of one more day, without files";
     figure("years_nightly_audit", seconds, NIGHTLY_AIM, true, unit);
@@ -72,6 +81,17 @@ fn extend(dir: &Path, rounds: u64) -> Result<()> {
     grow(&mut ledger, NODES, |ledger| {
         ledger.state().next_round() < rounds
     })
+}
+
+/// Goes on with the ledger by so many entries: rounds, and enrolments as the rest.
+fn extend_by(dir: &Path, entries: u64) -> Result<()> {
+    eprintln!("{entries} entries more …");
+    let mut ledger = Ledger::open(dir, None, log_key())?;
+    let whole = ledger.size() + entries;
+    grow(&mut ledger, NODES, |ledger| ledger.size() + ROUND <= whole)?;
+    let rest = whole - ledger.size();
+    record(&mut ledger, TIME, enrolments(NODES..NODES + rest))?;
+    Ok(())
 }
 
 /// Starts an aggregator in a process of its own, so that the memory is the start's alone. It keeps its state if much is new.
