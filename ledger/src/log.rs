@@ -19,7 +19,7 @@ use crate::clock::ClockWatch;
 use crate::error::{io_error, LedgerError};
 use crate::folder;
 use crate::group::{check_key, group, TrialState, WantedEntry};
-use crate::pruned;
+use crate::pruned::{self, SignedPruning};
 use crate::replay::kept::{self, KeptState};
 use crate::replay::{continuing, HistoryFold};
 use crate::store::reader::LedgerReader;
@@ -150,6 +150,8 @@ impl Ledger {
         let ledger = Self::open_to_rotate(dir, network, key, Some(&log_key), blobs, fold)?;
         let (genesis, keys) = (ledger.state.genesis(), ledger.state.log_keys());
         check_key(genesis, keys, &log_key)?;
+        // The change of the key was interrupted.
+        ledger.sign_pruning_again()?;
         Ok(ledger)
     }
 
@@ -190,6 +192,10 @@ impl Ledger {
             published = folder::read_checkpoint(dir)?;
             continuing::verify_rest(&store, dir, published.as_deref(), &mut history, fold)?;
         }
+        // The store may have a change of the key.
+        if let (Some(log_key), None) = (log_key, blobs.entry_store()) {
+            check_key(history.genesis(), history.state().log_keys(), log_key)?;
+        }
         blobs.remove_unfinished()?;
         let stored = blobs.store_all()?;
         if let (Some(address), true) = (blobs.store_address(), stored > 0) {
@@ -205,7 +211,8 @@ impl Ledger {
                 published = folder::read_checkpoint(dir)?;
                 continuing::verify_rest(&store, dir, published.as_deref(), &mut history, fold)?;
             }
-            pruned::reconcile(dir, history.genesis(), entries)?;
+            let known = (history.genesis(), history.state().log_keys());
+            pruned::reconcile(dir, known, entries)?;
         }
         if let Some(signed) = lacking {
             kept::check_signed(&store, dir, &signed)?;
@@ -258,7 +265,22 @@ impl Ledger {
             rotation: Signed::new(rotation, operator),
             takeover: self.sign(takeover),
         };
-        self.append(time_ms, body)
+        let receipt = self.append(time_ms, body)?;
+        self.sign_pruning_again()?;
+        Ok(receipt)
+    }
+
+    /// Signs the folder's statement about pruned blobs with the log's present key, unless that has signed it: a former one may be stolen.
+    fn sign_pruning_again(&self) -> Result<(), LedgerError> {
+        let known @ (genesis, keys) = (self.state.genesis(), self.state.log_keys());
+        match pruned::read_signed(&self.dir, genesis)? {
+            Some(former) if !former.is_by_present(keys) => {
+                let statement = self.sign(former.by_present(keys));
+                let signed = SignedPruning::new(&statement, keys.rotation());
+                pruned::publish(&self.dir, &self.blobs, known, &signed)
+            }
+            _ => Ok(()),
+        }
     }
 
     /// Appends an entry if the rules allow it. It is then on disk with its checkpoint, and the receipt may be handed out. Its time is

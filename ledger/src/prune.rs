@@ -25,6 +25,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use zk0_circuits::{Digest, NodeId};
 use zk0_protocol::entries::entry::Body;
+use zk0_protocol::log_keys::LogKeys;
 use zk0_protocol::pruning::Pruning;
 use zk0_protocol::rules::named_blobs::named_blobs;
 use zk0_protocol::rules::network_rules::Strategy;
@@ -95,6 +96,7 @@ pub struct SignedPlan {
     dir: PathBuf,
     blobs: Blobs,
     genesis: Genesis,
+    keys: LogKeys,
     statement: Option<SignedPruning>,
     doomed: Vec<Doomed>,
     _opened: LedgerReader,
@@ -213,6 +215,7 @@ impl PrunePlan {
             dir: ledger.dir().into(),
             blobs: ledger.blobs().clone(),
             genesis: ledger.state().genesis().clone(),
+            keys: ledger.state().log_keys().clone(),
             statement: self.statement.map(|statement| {
                 let rotation = ledger.state().log_keys().rotation();
                 SignedPruning::new(&ledger.sign(statement), rotation)
@@ -238,7 +241,8 @@ impl SignedPlan {
     /// The file system or the store of the blobs fails. The statement is on disk, unless writing it has failed. Some blobs may be deleted.
     pub fn carry_out(self) -> Result<Amount, LedgerError> {
         if let Some(statement) = &self.statement {
-            pruned::publish(&self.dir, &self.blobs, &self.genesis, statement)?;
+            let known = (&self.genesis, &self.keys);
+            pruned::publish(&self.dir, &self.blobs, known, statement)?;
         }
         let mut freed = Amount::default();
         for blob in &self.doomed {

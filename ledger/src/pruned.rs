@@ -9,14 +9,18 @@ use crate::error::LedgerError;
 use crate::folder;
 use borsh::BorshDeserialize;
 use std::path::Path;
+use zk0_circuits::NodeId;
+use zk0_protocol::log_keys::LogKeys;
 use zk0_protocol::pruning::Pruning;
 use zk0_protocol::tlog::key_rotation::LogKeyRotation;
 use zk0_protocol::{Genesis, Signed};
 
-/// A verified statement, and the bytes of its file.
+/// A verified statement, and the bytes of its file. Only the entries tell whether its key is the log's present one.
 #[derive(Clone, Debug)]
 pub(crate) struct SignedPruning {
     pub statement: Pruning,
+    /// The entry that gave the log the key; 0 for the founding key.
+    since: u64,
     bytes: Vec<u8>,
 }
 
@@ -29,7 +33,42 @@ impl SignedPruning {
         }
         Self {
             statement: signed.statement,
+            since: rotation.map_or(0, |rotation| rotation.statement.entry),
             bytes,
+        }
+    }
+
+    /// How many entries a log has that can have signed it.
+    pub fn entries(&self) -> u64 {
+        self.statement.entries.max(self.since.saturating_add(1))
+    }
+
+    /// Whether a log with these keys has signed it with its present one.
+    pub fn is_by_present(&self, keys: &LogKeys) -> bool {
+        self.statement.operator.0 == *keys.present()
+    }
+
+    /// The same statement, to be signed with the present one of these keys.
+    pub fn by_present(&self, keys: &LogKeys) -> Pruning {
+        Pruning {
+            operator: NodeId(*keys.present()),
+            ..self.statement
+        }
+    }
+
+    /// Refuses the signature of a former key, which may be stolen. `keys` are those of the log's first `size` entries. A later one may follow.
+    pub fn check_key(&self, keys: &LogKeys, size: u64) -> Result<(), LedgerError> {
+        if self.is_by_present(keys) || self.since >= size {
+            Ok(())
+        } else {
+            Err(LedgerError::BadPruning {
+                from: "the file `pruned`".into(),
+                why: format!(
+                    "{} has signed it, and the log's present key is {}",
+                    self.statement.operator,
+                    NodeId(*keys.present())
+                ),
+            })
         }
     }
 
@@ -47,15 +86,15 @@ pub fn read(dir: &Path, genesis: &Genesis) -> Result<Option<Pruning>, LedgerErro
     Ok(read_signed(dir, genesis)?.map(|signed| signed.statement))
 }
 
-/// [`read`] of a log of `entries` entries, which the statement must not exceed.
+/// [`read_signed`] of a log of `entries` entries, which the statement must not exceed.
 pub(crate) fn read_within(
     dir: &Path,
     genesis: &Genesis,
     entries: u64,
-) -> Result<Option<Pruning>, LedgerError> {
-    match read(dir, genesis)? {
-        Some(pruning) if pruning.entries > entries => Err(LedgerError::PrunedMore {
-            signed: pruning.entries,
+) -> Result<Option<SignedPruning>, LedgerError> {
+    match read_signed(dir, genesis)? {
+        Some(signed) if signed.entries() > entries => Err(LedgerError::PrunedMore {
+            signed: signed.entries(),
             held: entries,
         }),
         found => Ok(found),
@@ -88,8 +127,8 @@ pub(crate) fn decode(
     let signed = Signed::<Pruning>::deserialize(&mut rest);
     let signed = signed.map_err(|error| bad(error.to_string()))?;
     let statement = signed.verify().map_err(|error| bad(error.to_string()))?;
-    let key = if rest.is_empty() {
-        genesis.log_key
+    let (key, since) = if rest.is_empty() {
+        (genesis.log_key, 0)
     } else {
         given_key(rest, genesis).map_err(bad)?
     };
@@ -104,17 +143,18 @@ pub(crate) fn decode(
     }
     Ok(SignedPruning {
         statement: *statement,
+        since,
         bytes: bytes.into(),
     })
 }
 
-/// The key that the operator gave the log, by its statement.
-fn given_key(rotation: &[u8], genesis: &Genesis) -> Result<[u8; 32], String> {
+/// The key that the operator gave the log, by its statement, and the entry that did so.
+fn given_key(rotation: &[u8], genesis: &Genesis) -> Result<([u8; 32], u64), String> {
     let signed: Signed<LogKeyRotation> =
         borsh::from_slice(rotation).map_err(|error| error.to_string())?;
     let rotation = signed.verify().map_err(|error| error.to_string())?;
     if rotation.operator.0 == genesis.log_key && rotation.network == genesis.network_id() {
-        Ok(rotation.with.0)
+        Ok((rotation.with.0, rotation.entry))
     } else {
         Err("the network's operator has not signed the statement about its key".into())
     }
@@ -146,39 +186,47 @@ pub(crate) fn keep_newer(
 pub(crate) fn publish(
     dir: &Path,
     blobs: &Blobs,
-    genesis: &Genesis,
+    known: (&Genesis, &LogKeys),
     signed: &SignedPruning,
 ) -> Result<(), LedgerError> {
     if let Some(store) = blobs.entry_store() {
-        put(store, genesis, signed)?;
+        put(store, known, signed)?;
     }
     write(dir, &signed.bytes)
 }
 
-/// Gives the folder and the store the later of their statements.
+/// Gives the folder and the store the later of their statements. What a former key has signed stays where it is, and does not count.
 pub(crate) fn reconcile(
     dir: &Path,
-    genesis: &Genesis,
+    known: (&Genesis, &LogKeys),
     store: &dyn EntryStore,
 ) -> Result<(), LedgerError> {
-    if let Some(stored) = stored(store, genesis)? {
+    let (genesis, keys) = known;
+    let counts = |signed: &SignedPruning| signed.is_by_present(keys);
+    if let Some(stored) = stored(store, genesis)?.filter(counts) {
         keep_newer(dir, genesis, &stored)?;
     }
-    match read_signed(dir, genesis)? {
-        Some(signed) => put(store, genesis, &signed),
+    match read_signed(dir, genesis)?.filter(counts) {
+        Some(signed) => put(store, known, &signed),
         None => Ok(()),
     }
 }
 
+/// `keys` are those that the writer knows.
 fn put(
     store: &dyn EntryStore,
-    genesis: &Genesis,
+    (genesis, keys): (&Genesis, &LogKeys),
     signed: &SignedPruning,
 ) -> Result<(), LedgerError> {
+    let elsewhere = || LedgerError::PrunedElsewhere(store.place().into());
     match stored(store, genesis)? {
         Some(stored) if stored.bytes == signed.bytes => return Ok(()),
+        // A later key's.
+        Some(stored) if !keys.have(&stored.statement.operator.0) => return Err(elsewhere()),
+        // A former key's does not count.
+        Some(stored) if !stored.is_by_present(keys) => {}
         Some(stored) if signed.statement.and(&stored.statement) != signed.statement => {
-            return Err(LedgerError::PrunedElsewhere(store.place().into()));
+            return Err(elsewhere());
         }
         _ => {}
     }

@@ -259,7 +259,7 @@ fn take(
                 let (size, root) = (tree.size(), tree.root()?);
                 let decoded = || Entry::decode(&bytes).map_err(|error| bad(error.to_string()));
                 if index >= held {
-                    keys.observe(&decoded()?.body);
+                    keys.follow(genesis, index, &decoded()?.body).map_err(bad)?;
                     batch.entry(index, &bytes, &hashes);
                 } else if database.entry(index)?.as_ref() != Some(&bytes) {
                     other = other.or(Some(index));

@@ -133,7 +133,10 @@ impl WitnessStore {
     pub fn add(&mut self, body: &[u8], time_s: u64) -> Result<Vec<u8>, AddError> {
         let accepted = self.witness.check(body, time_s)?;
         match self.cosigned.get(&accepted.origin) {
-            Some(known) if known.checkpoint == accepted.checkpoint => {
+            // A later key is remembered.
+            Some(known)
+                if known.checkpoint == accepted.checkpoint && known.since == accepted.since =>
+            {
                 return Ok(known.cosignature.clone());
             }
             _ => {}

@@ -205,6 +205,36 @@ fn a_restarted_witness_knows_what_it_signed() {
     assert!(matches!(second, Err(WitnessError::Locked(_))));
 }
 
+/// A request with the signature of the later key `number`, which entry `entry` has given the log.
+fn by_later_key(shelf: &Shelf, (number, entry): (u8, u64), old: u64, size: u64) -> AddCheckpoint {
+    let key = later_key(number);
+    let rotation = LogKeyRotation {
+        entry,
+        ..log_rotation(&Chain::new().state, &key)
+    };
+    let rotation = Signed::new(rotation, &log_key());
+    let text = shelf
+        .checkpoint(size)
+        .sign_after(ORIGIN, &key, Some(&rotation));
+    AddCheckpoint {
+        checkpoint: text.unwrap(),
+        ..request(shelf, old, size)
+    }
+}
+
+#[test]
+fn a_witness_remembers_the_later_of_two_keys_that_sign_one_tree() {
+    let dir = tempfile::tempdir().unwrap();
+    let shelf = Shelf::of(&leaves(20, 99));
+    let mut first = witness(dir.path());
+    let by = |number, entry, old, size| by_later_key(&shelf, (number, entry), old, size);
+    assert_eq!(status(&mut first, &by(1, 8, 0, 10)), 200);
+    assert_eq!(status(&mut first, &by(2, 9, 10, 10)), 200);
+    assert_eq!(status(&mut first, &by(1, 8, 10, 12)), 403);
+    drop(first);
+    assert_eq!(status(&mut witness(dir.path()), &by(1, 8, 10, 12)), 403);
+}
+
 /// The witness is told of the founding key alone, and needs no other one when the log has another key.
 #[test]
 fn a_witness_follows_another_key_and_refuses_the_former_one() {
@@ -212,20 +242,7 @@ fn a_witness_follows_another_key_and_refuses_the_former_one() {
     let shelf = Shelf::of(&leaves(20, 99));
     let mut first = witness(dir.path());
     assert_eq!(status(&mut first, &request(&shelf, 0, 8)), 200);
-    let rotated = |number: u8, entry| {
-        let rotation = LogKeyRotation {
-            entry,
-            ..log_rotation(&Chain::new().state, &later_key(number))
-        };
-        Signed::new(rotation, &log_key())
-    };
-    let by = |number: u8, entry, old, size| AddCheckpoint {
-        checkpoint: shelf
-            .checkpoint(size)
-            .sign_after(ORIGIN, &later_key(number), Some(&rotated(number, entry)))
-            .unwrap(),
-        ..request(&shelf, old, size)
-    };
+    let by = |number, entry, old, size| by_later_key(&shelf, (number, entry), old, size);
     assert_eq!(status(&mut first, &by(1, 8, 8, 10)), 200);
     // A thief has the founding key.
     let by_thief = request(&shelf, 10, 12);
@@ -237,6 +254,8 @@ fn a_witness_follows_another_key_and_refuses_the_former_one() {
         refused.contains("entry 8 gave the log another key"),
         "{refused}"
     );
+    // An aggregator that was rolled back to before the change learns the size.
+    assert_eq!(status(&mut again, &request(&shelf, 8, 9)), 409);
     assert_eq!(status(&mut again, &by(2, 12, 10, 13)), 200);
     assert_eq!(status(&mut again, &by(1, 8, 13, 15)), 403);
     assert_eq!(status(&mut again, &by(2, 12, 13, 15)), 200);

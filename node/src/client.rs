@@ -451,7 +451,7 @@ impl NodeClient {
     fn open_checkpoint(&self, note: &[u8]) -> Result<Checkpoint, NodeError> {
         let genesis = &self.genesis;
         let signed = KeyedCheckpoint::open(note, genesis.origin(), &genesis.log_key)?;
-        self.seen_keys.take(&signed)?;
+        self.seen_keys.take_newest(&signed)?;
         Ok(signed.checkpoint)
     }
 

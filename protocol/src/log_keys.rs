@@ -2,7 +2,7 @@
 
 use crate::entries::entry::Body;
 use crate::entries::genesis::Genesis;
-use crate::signed_statement::Signed;
+use crate::signed_statement::{SignatureError, Signed};
 use crate::tlog::key_rotation::LogKeyRotation;
 use borsh::{BorshDeserialize, BorshSerialize};
 
@@ -22,7 +22,32 @@ impl LogKeys {
         }
     }
 
-    /// Takes the log's next entry.
+    /// Takes entry `index` of the log of `genesis`. The rules have not checked it, so a change of the key has to count here.
+    ///
+    /// # Errors
+    /// Why it does not count.
+    pub fn follow(&mut self, genesis: &Genesis, index: u64, body: &Body) -> Result<(), String> {
+        if let Body::LogKeyRotated { rotation, takeover } = body {
+            let bad = |error: SignatureError| error.to_string();
+            let given = rotation.verify().map_err(bad)?;
+            let counts = takeover.verify().map_err(bad)?.rotation == *given
+                && given.operator.0 == genesis.log_key
+                && given.network == genesis.network_id()
+                && given.log == genesis.origin()
+                && given.entry == index
+                && !self.have(&given.with.0);
+            if !counts {
+                return Err(format!(
+                    "it gives the log the key {}, and does not count here",
+                    given.with
+                ));
+            }
+        }
+        self.observe(body);
+        Ok(())
+    }
+
+    /// Takes the log's next entry, which the rules allow.
     pub fn observe(&mut self, body: &Body) {
         if let Body::LogKeyRotated { rotation, .. } = body {
             self.rotations.push(rotation.clone());

@@ -34,7 +34,8 @@ impl HeldEntries {
             }
             let body = Entry::decode(&bytes)?.body;
             required.observe(&body);
-            keys.observe(&body);
+            keys.follow(genesis, index, &body)
+                .map_err(|why| LedgerError::BadEntry { index, why })?;
         }
         Ok(Self {
             tree,

@@ -221,7 +221,16 @@ pub(crate) fn mirror_with(
         folder::remove_policy(dir)?;
     }
     match (pruned, blob_source) {
-        (Some(signed), BlobSource::Served(_)) => keep_pruning(dir, &genesis, &signed, size)?,
+        (Some(signed), BlobSource::Served(_)) => {
+            // The log's key may have changed since the statement was read.
+            let newer = match signed.check_key(&keys, size) {
+                Ok(()) => Some(signed),
+                Err(_) => served_pruning(source, &genesis)?,
+            };
+            if let Some(signed) = newer {
+                keep_served(dir, (&genesis, &keys), &signed, size)?;
+            }
+        }
         (Some(signed), BlobSource::Own { .. }) => pruned::keep_newer(dir, &genesis, &signed)?,
         (None, _) => {}
     }
@@ -238,7 +247,7 @@ pub(crate) fn mirror_with(
     if let (BlobSource::Served(_), true) = (blob_source, done.missing_blobs > 0) {
         // A running aggregator may have pruned meanwhile.
         if let Some(signed) = served_pruning(source, &genesis)? {
-            keep_pruning(dir, &genesis, &signed, size)?;
+            keep_served(dir, (&genesis, &keys), &signed, size)?;
         }
     }
     Ok(done)
@@ -251,7 +260,7 @@ pub(crate) fn keep_pruning(
     signed: &SignedPruning,
     size: u64,
 ) -> Result<(), MirrorError> {
-    let entries = signed.statement.entries;
+    let entries = signed.entries();
     if entries > size {
         return Err(MirrorError::BeingUpdated {
             network: genesis.network_id(),
@@ -260,6 +269,17 @@ pub(crate) fn keep_pruning(
         });
     }
     Ok(pruned::keep_newer(dir, genesis, signed)?)
+}
+
+/// [`keep_pruning`] with a statement that somebody serves.
+fn keep_served(
+    dir: &Path,
+    (genesis, keys): (&Genesis, &LogKeys),
+    signed: &SignedPruning,
+    size: u64,
+) -> Result<(), MirrorError> {
+    signed.check_key(keys, size)?;
+    keep_pruning(dir, genesis, signed, size)
 }
 
 fn served_pruning(
@@ -319,7 +339,8 @@ fn extend(
             let index = tree.size();
             let body = Entry::decode(entry)?.body;
             required.observe(&body);
-            keys.observe(&body);
+            keys.follow(genesis, index, &body)
+                .map_err(|why| LedgerError::BadEntry { index, why })?;
             let hashes = tree.push(entry).map_err(LedgerError::from)?;
             batch.entry(index, entry, &hashes);
             let after = Checkpoint {

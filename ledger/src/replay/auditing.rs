@@ -104,13 +104,17 @@ impl Auditing<'_> {
             Some(saved) => self.resume(&store, saved)?,
             None => VerifiedHistory::found(&store, dir, network.as_ref(), self)?,
         });
-        if let Some(pruning) = pruned::read_within(self.dir, history.genesis(), size)? {
-            self.recheck.pruned(&pruning);
+        let pruned = pruned::read_within(self.dir, history.genesis(), size)?;
+        if let Some(signed) = &pruned {
+            self.recheck.pruned(&signed.statement);
         }
         let threads = options
             .threads
             .map_or_else(relay::default_threads, NonZeroUsize::get);
         relay::run(&store, size, history, self, threads, options.progress)?;
+        if let Some(signed) = pruned {
+            signed.check_key(history.state().log_keys(), size)?;
+        }
         Ok(())
     }
 

@@ -10,6 +10,9 @@ use zk0_ledger::published::source::FolderSource;
 use zk0_ledger::store::{Store, StoreBatch};
 use zk0_ledger::Blobs;
 use zk0_protocol::tlog::checkpoint::KeyedCheckpoint;
+use zk0_protocol::tlog::key_rotation::{LogKeyRotation, LogKeyTakeover};
+use zk0_protocol::tlog::tree::Frontier;
+use zk0_protocol::{Checkpoint, Signed};
 
 fn opened(dir: &Path, key: SigningKey, blobs: Blobs) -> Result<Ledger, LedgerError> {
     Ledger::open_to_rotate(dir, None, key, None, blobs, &mut ())
@@ -196,6 +199,193 @@ fn a_mirror_follows_another_key_and_refuses_the_former_one() {
         matches!(refused, MirrorError::FormerKey { size: 4 }),
         "{refused}"
     );
+}
+
+/// The operator's statement about the first of the log's two later keys, which is a former one.
+fn given(ledger: &mut Ledger) -> Signed<LogKeyRotation> {
+    ledger.rotate_key(&log_key(), T0 + 2).unwrap();
+    ledger.state().log_keys().rotation().unwrap().clone()
+}
+
+/// Entries at this place with which a thief of the former key goes back to it. The operator has signed the second one, for another place.
+fn back_to_former(given: &Signed<LogKeyRotation>, entry: u64) -> [Body; 2] {
+    let former = later_key(1);
+    let rotation = LogKeyRotation {
+        entry,
+        ..given.statement.clone()
+    };
+    let takeover = LogKeyTakeover {
+        rotation: given.statement.clone(),
+    };
+    [
+        log_rotated(rotation, &former, &former),
+        Body::LogKeyRotated {
+            rotation: given.clone(),
+            takeover: Signed::new(takeover, &former),
+        },
+    ]
+}
+
+fn tree_of(store: &Store) -> Frontier {
+    let mut tree = Frontier::default();
+    for index in 0..store.size().unwrap() {
+        tree.push(&store.entry(index).unwrap().unwrap()).unwrap();
+    }
+    tree
+}
+
+/// An entry after those in `dir`, with a checkpoint of the former key.
+fn forged(dir: &Path, body: Body, given: &Signed<LogKeyRotation>) -> StoredEntry {
+    let store = Store::open_read_only(&folder::database(dir)).unwrap();
+    let mut tree = tree_of(&store);
+    let bytes = entry(T0 + 9, body).encode().unwrap();
+    tree.push(&bytes).unwrap();
+    let checkpoint = Checkpoint {
+        size: tree.size(),
+        root: tree.root().unwrap(),
+    };
+    let text = checkpoint.sign_after(&genesis().name, &later_key(1), Some(given));
+    StoredEntry {
+        bytes,
+        checkpoint: Some(text.unwrap()),
+    }
+}
+
+fn write(dir: &Path, forged: &StoredEntry) {
+    let store = Store::open(&folder::database(dir)).unwrap();
+    let mut tree = tree_of(&store);
+    let index = tree.size();
+    let hashes = tree.push(&forged.bytes).unwrap();
+    let text = forged.checkpoint.as_ref().unwrap();
+    let mut batch = StoreBatch::default();
+    batch.entry(index, &forged.bytes, &hashes);
+    batch.checkpoint(index + 1, text);
+    store.commit(batch).unwrap();
+    drop(store);
+    fs::write(folder::checkpoint(dir), text).unwrap();
+}
+
+#[test]
+fn a_mirror_goes_back_to_no_former_key() {
+    let scratch = tempfile::tempdir().unwrap();
+    let at = |name: &str| scratch.path().join(name);
+    let (dir, copied) = (at("ledger"), at("mirror"));
+    founded(&dir);
+    let mut ledger = opened(&dir, later_key(1), Blobs::at(&dir)).unwrap();
+    let given = given(&mut ledger);
+    drop(ledger);
+    let ledger = rotates(&dir, later_key(2));
+    let size = ledger.size();
+    drop(ledger);
+    let mirrored = |dir: &Path, out: &Path| {
+        export(&Publication::open(dir, None).unwrap(), out).unwrap();
+        mirror(&FolderSource::at(out), &copied, None, None)
+    };
+    mirrored(&dir, &at("export")).unwrap();
+    let held = folder::read_checkpoint(&copied).unwrap();
+    for (number, body) in back_to_former(&given, size).into_iter().enumerate() {
+        let fork = at(&format!("fork {number}"));
+        copy(&dir, &fork);
+        write(&fork, &forged(&fork, body, &given));
+        let refused = mirrored(&fork, &at(&format!("export {number}"))).unwrap_err();
+        assert!(
+            matches!(&refused, MirrorError::Ledger(LedgerError::BadEntry { index, .. }) if *index == size),
+            "{refused}"
+        );
+        assert_eq!(folder::read_checkpoint(&copied).unwrap(), held);
+    }
+    // The mirror still follows the log.
+    let mut ledger = Ledger::open(&dir, None, later_key(2)).unwrap();
+    grow(&mut ledger, 0..1);
+    drop(ledger);
+    assert_eq!(mirrored(&dir, &at("export")).unwrap().entries, size + 1);
+}
+
+#[test]
+fn a_folder_goes_back_to_no_former_key() {
+    let grown = Grown::new();
+    let open = |key: SigningKey| {
+        let blobs = Blobs::in_store(grown.dir(), Box::new(grown.memory.clone())).unwrap();
+        opened(grown.dir(), key, blobs).unwrap()
+    };
+    let mut ledger = open(later_key(1));
+    let given = given(&mut ledger);
+    drop(ledger);
+    let mut ledger = open(later_key(2));
+    ledger.rotate_key(&log_key(), T0 + 3).unwrap();
+    let size = ledger.size();
+    drop(ledger);
+    let held = folder::read_checkpoint(grown.dir()).unwrap();
+    for body in back_to_former(&given, size) {
+        let group = encode(&[forged(grown.dir(), body, &given)]);
+        grown.memory.change(|kept| kept.groups.insert(size, group));
+        let refused = grown.memory.open_as(grown.dir(), later_key(2)).map(drop);
+        let refused = refused.unwrap_err();
+        assert!(refused.is_of_stored_entries(), "{refused}");
+        assert_eq!(folder::read_checkpoint(grown.dir()).unwrap(), held);
+    }
+}
+
+#[test]
+fn what_was_pruned_is_signed_again_with_a_new_key() {
+    let grown = Grown::new();
+    let ledger = grown.memory.open(grown.dir()).unwrap();
+    pruning(&ledger, 3).carry_out(&ledger).unwrap();
+    drop(ledger);
+    let stored = || grown.memory.change(|kept| kept.pruned.clone());
+    let former = stored().unwrap();
+    let blobs = Blobs::in_store(grown.dir(), Box::new(grown.memory.clone())).unwrap();
+    let mut ledger = opened(grown.dir(), later_key(1), blobs).unwrap();
+    ledger.rotate_key(&log_key(), T0 + 2).unwrap();
+    drop(ledger);
+    let file = grown.dir().join("pruned");
+    let by_present = || {
+        let signed = pruned::read(grown.dir(), &genesis()).unwrap().unwrap();
+        let found = (signed.operator, signed.updates_before);
+        assert_eq!(found, (public(&later_key(1)), 3));
+        fs::read(&file).unwrap()
+    };
+    assert_eq!(stored(), Some(by_present()));
+    // A thief of the former key writes into the bucket.
+    grown
+        .memory
+        .change(|kept| kept.pruned = Some(former.clone()));
+    drop(grown.memory.open_as(&grown.other(), later_key(1)).unwrap());
+    assert_eq!(pruned::read(&grown.other(), &genesis()).unwrap(), None);
+    // The change of the key was interrupted.
+    fs::write(&file, &former).unwrap();
+    drop(grown.memory.open_as(grown.dir(), later_key(1)).unwrap());
+    assert_eq!(stored(), Some(by_present()));
+}
+
+/// It would excuse blobs that somebody withholds.
+#[test]
+fn what_a_former_key_signs_about_pruned_blobs_does_not_count() {
+    let scratch = tempfile::tempdir().unwrap();
+    let at = |name: &str| scratch.path().join(name);
+    let (dir, out, copied) = (at("ledger"), at("export"), at("mirror"));
+    founded(&dir);
+    let ledger = Ledger::open(&dir, None, log_key()).unwrap();
+    pruning(&ledger, 3).carry_out(&ledger).unwrap();
+    drop(ledger);
+    let former = fs::read(dir.join("pruned")).unwrap();
+    drop(rotates(&dir, later_key(1)));
+    export(&Publication::open(&dir, None).unwrap(), &out).unwrap();
+    let mirrored = || mirror(&FolderSource::at(&out), &copied, None, None);
+    mirrored().unwrap();
+    let present = fs::read(copied.join("pruned")).unwrap();
+    fs::write(out.join("zk0/pruned"), &former).unwrap();
+    let refused = mirrored().unwrap_err();
+    let words = "the log's present key is";
+    assert!(refused.to_string().contains(words), "{refused}");
+    assert_eq!(fs::read(copied.join("pruned")).unwrap(), present);
+    let report = replay(&copied, None, &mut ());
+    assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
+    fs::write(copied.join("pruned"), &former).unwrap();
+    let report = replay(&copied, None, &mut ());
+    assert_eq!(report.verdict, Verdict::Failed);
+    let fault = &report.findings.last().unwrap().text;
+    assert!(fault.contains(words), "{fault}");
 }
 
 /// A replay finds it, whatever else is in the ledger.

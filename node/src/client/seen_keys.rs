@@ -19,6 +19,18 @@ impl SeenKeys {
             Ok(())
         }
     }
+
+    /// Takes the log's newest checkpoint, unless the log had another key before. An older one proves nothing of today.
+    pub fn take_newest(&self, signed: &KeyedCheckpoint) -> Result<(), NodeError> {
+        self.take(signed)?;
+        let since = self.0.load(Ordering::Relaxed);
+        if signed.since < since {
+            let size = signed.checkpoint.size;
+            Err(NodeError::FormerKey { size, since })
+        } else {
+            Ok(())
+        }
+    }
 }
 
 #[cfg(test)]
@@ -42,6 +54,8 @@ mod tests {
         keys.take(&signed(12, 10)).unwrap();
         // A receipt from before the change.
         keys.take(&signed(10, 0)).unwrap();
+        keys.take_newest(&signed(10, 0)).unwrap_err();
+        keys.take_newest(&signed(12, 10)).unwrap();
         let refused = keys.take(&signed(11, 0)).unwrap_err();
         assert!(matches!(
             refused,

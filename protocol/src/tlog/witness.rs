@@ -191,12 +191,6 @@ impl Witness {
             .signed_by(&watched.key)
             .map_err(WitnessRefusal::NotSigned)?;
         let new = parsed.checkpoint;
-        if signature.since < watched.since {
-            return Err(WitnessRefusal::FormerKey {
-                size: new.size,
-                since: watched.since,
-            });
-        }
         if request.old > new.size {
             return Err(WitnessRefusal::Malformed(format!(
                 "the old size, {}, is larger than the checkpoint's, {}",
@@ -208,6 +202,13 @@ impl Witness {
             return Err(WitnessRefusal::Conflict {
                 last,
                 old: request.old,
+            });
+        }
+        // Only now: a log that was rolled back to its former key learns that it was.
+        if signature.since < watched.since {
+            return Err(WitnessRefusal::FormerKey {
+                size: new.size,
+                since: watched.since,
             });
         }
         continues(watched.last.as_ref(), &new, &request.proof)?;
