@@ -43,7 +43,9 @@ impl NodeClient {
             }
             match (&closing, info.randomness, info.closed) {
                 (Some((closing, log_key)), Some(receipt), _) => {
-                    let drawn = self.randomness(opened, (closing, log_key), receipt)?;
+                    let opening = self.opening.filter(|(opened, _)| *opened == round);
+                    let key = opening.map_or(*log_key, |(_, key)| key);
+                    let drawn = self.randomness(opened, (closing, &key), receipt)?;
                     let (randomness, receipt) = drawn;
                     let (network, node) = (*self.network(), self.id());
                     let challenge = challenge(&network, round, &node, commitment, &randomness);

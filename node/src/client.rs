@@ -72,6 +72,8 @@ pub struct NodeClient {
     key: SigningKey,
     genesis: Genesis,
     seen_keys: SeenKeys,
+    /// The round that the node has seen open, and the log's key there: that draws its randomness.
+    opening: Option<(u64, [u8; 32])>,
     heads: For,
     store: StoreClient,
     /// How long the node waits for an answer; `None` for no limit.
@@ -153,7 +155,8 @@ impl NodeClient {
             client,
             key,
             genesis,
-            seen_keys: SeenKeys::default(),
+            seen_keys: SeenKeys::of(network),
+            opening: None,
             store: StoreClient::beside(&address),
             patience: None,
             metrics: NodeMetrics::default(),

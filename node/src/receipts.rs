@@ -46,6 +46,8 @@ fn signed(path: &Path, genesis: &Genesis) -> Result<Option<Vec<u8>>, Participant
         checkpoint: proof.checkpoint,
         proof: proof.hashes,
     };
-    let verified = kept.verify(&genesis.log_key, genesis.origin());
-    Ok(verified.is_ok().then_some(kept.entry))
+    let verified = kept.verify_keyed(&genesis.log_key, genesis.origin());
+    let network = genesis.network_id();
+    let counts = verified.is_ok_and(|(signed, _)| signed.check_network(&network).is_ok());
+    Ok(counts.then_some(kept.entry))
 }

@@ -222,6 +222,12 @@ impl Init {
         let Some(file) = &self.operator_key else {
             return Ok(None);
         };
+        if file.exists() {
+            tracing::warn!(
+                "the operator's key in {} exists already. One key is for one network: if it has founded another one, name another file",
+                file.display()
+            );
+        }
         let operator = keys::read_or_generate(file)?;
         if operator == *key {
             bail!("--operator-key and --key name the same key: make another one with `zk0 aggregator keygen`, or leave --operator-key out");

@@ -2,16 +2,29 @@
 
 use crate::client_error::NodeError;
 use std::sync::atomic::{AtomicU64, Ordering};
+use zk0_circuits::Digest;
 use zk0_protocol::tlog::checkpoint::KeyedCheckpoint;
 
-/// The entry that gave the log its newest key.
-#[derive(Debug, Default)]
-pub(super) struct SeenKeys(AtomicU64);
+/// The network, and the entry that gave its log the newest key.
+#[derive(Debug)]
+pub(super) struct SeenKeys {
+    network: Digest,
+    since: AtomicU64,
+}
 
 impl SeenKeys {
+    /// Of the log of this network.
+    pub fn of(network: Digest) -> Self {
+        Self {
+            network,
+            since: AtomicU64::new(0),
+        }
+    }
+
     /// Takes a checkpoint that the log has signed, unless it came after the log had another key.
     pub fn take(&self, signed: &KeyedCheckpoint) -> Result<(), NodeError> {
-        let since = self.0.fetch_max(signed.since, Ordering::Relaxed);
+        signed.check_network(&self.network)?;
+        let since = self.since.fetch_max(signed.since, Ordering::Relaxed);
         let size = signed.checkpoint.size;
         if signed.since < since && size > since {
             Err(NodeError::FormerKey { size, since })
@@ -23,7 +36,7 @@ impl SeenKeys {
     /// Takes the log's newest checkpoint, unless the log had another key before. An older one proves nothing of today.
     pub fn take_newest(&self, signed: &KeyedCheckpoint) -> Result<(), NodeError> {
         self.take(signed)?;
-        let since = self.0.load(Ordering::Relaxed);
+        let since = self.since.load(Ordering::Relaxed);
         if signed.since < since {
             let size = signed.checkpoint.size;
             Err(NodeError::FormerKey { size, since })
@@ -36,12 +49,11 @@ impl SeenKeys {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use zk0_circuits::Digest;
     use zk0_protocol::Checkpoint;
 
     #[test]
     fn a_former_key_signs_nothing_later() {
-        let keys = SeenKeys::default();
+        let keys = SeenKeys::of(Digest([1; 32]));
         let signed = |size, since| KeyedCheckpoint {
             checkpoint: Checkpoint {
                 size,
@@ -49,6 +61,7 @@ mod tests {
             },
             key: [0; 32],
             since,
+            network: None,
         };
         keys.take(&signed(20, 0)).unwrap();
         keys.take(&signed(12, 10)).unwrap();

@@ -61,9 +61,13 @@ impl NodeClient {
         loop {
             let info = self.next_stage(&mut watch).await?;
             if let (Some(opened), None) = (info.opened, info.closed) {
-                match self.entry(opened)?.1.body {
+                let (receipt, signed, entry) = self.opened(opened)?;
+                match entry.body {
                     Body::RoundOpened(opened) if opened.round >= round && info.invited => {
                         let program = program(&info.program)?;
+                        // A key that came after the opening may have signed a later checkpoint.
+                        let is_key_there = signed.since <= receipt.index;
+                        self.opening = is_key_there.then_some((opened.round, signed.key));
                         return Ok(OpenRound { opened, program });
                     }
                     Body::RoundOpened(opened) => {

@@ -1,6 +1,7 @@
 //! The operator has given the log another key. A node follows it, and takes nothing that the former one signs later.
 
 use super::*;
+use zk0_protocol::tlog::checkpoint::CheckpointError;
 
 /// A closing, and the randomness that this key draws. The log has its later key before.
 fn drawn_by(key: &ed25519_dalek::SigningKey) -> (Told, u64) {
@@ -34,4 +35,45 @@ async fn a_thief_with_a_former_key_shows_a_node_nothing() {
         matches!(&error, Err(NodeError::FormerKey { since: found, .. }) if *found == since),
         "{error:?}"
     );
+}
+
+/// The operator has two networks, whose logs have one name, and has signed this for the other one.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_key_of_another_networks_log_shows_a_node_nothing() {
+    let (mut told, _) = drawn_by(&later_key(1));
+    told.key_network = digest(9);
+    let (url, server) = told
+        .served(told.round(None), Failures::default(), PROTOCOL)
+        .await;
+    let network = *told.chain.state.network();
+    let refused = NodeClient::connect(url, network, key(0)).await.err();
+    server.abort();
+    assert!(
+        matches!(
+            refused,
+            Some(NodeError::Checkpoint(CheckpointError::Rotation(_)))
+        ),
+        "{refused:?}"
+    );
+}
+
+/// As the rules demand: the operator could otherwise try keys until the randomness suits it.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_node_knows_the_key_that_opened_the_round() {
+    for (by, counts) in [(log_key(), true), (later_key(1), false)] {
+        let (told, index) = drawn_by(&by);
+        let info = rpc::RoundInfo {
+            opened: told.receipt(3, 4),
+            program: borsh::to_vec(told.chain.state.program()).unwrap(),
+            invited: true,
+            ..told.round(Some(index))
+        };
+        let (mut node, server) = told.connected(info).await;
+        let opened = node.wait_for_round(0).await.unwrap().opened;
+        let statement = commitment(&told.chain.state, 0, weights(0x10));
+        let commitment = closing::commitment(&statement);
+        let challenge = node.wait_for_challenge(&opened, &commitment).await;
+        server.abort();
+        assert_eq!(challenge.is_ok(), counts, "{challenge:?}");
+    }
 }

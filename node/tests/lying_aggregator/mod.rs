@@ -53,6 +53,8 @@ struct Told {
     closing: u64,
     /// The entry that gave the log its later key, if it has one.
     later_since: Option<u64>,
+    /// The network of the operator's statement about the later key.
+    key_network: zk0_circuits::Digest,
     /// Whether the receipts have the founding key's signature even so.
     by_thief: bool,
     /// The program in force, if the aggregator names another one than the round's.
@@ -87,6 +89,7 @@ impl Told {
             opened,
             closing,
             later_since: None,
+            key_network: network,
             by_thief: false,
             in_force: None,
             follows: Arc::default(),
@@ -96,11 +99,12 @@ impl Told {
     /// The checkpoint of the first `size` entries, signed with the log's key.
     fn checkpoint(&self, size: u64) -> Vec<u8> {
         let checkpoint = MemoryLog::of(&self.leaves[..size as usize]).checkpoint(size);
-        let Some(entry) = self.later_since else {
+        let Some(entry) = self.later_since.filter(|entry| *entry < size) else {
             return checkpoint.sign(ORIGIN, &log_key()).unwrap();
         };
         let rotation = LogKeyRotation {
             entry,
+            network: self.key_network,
             ..log_rotation(&self.chain.state, &later_key(1))
         };
         let rotation = Signed::new(rotation, &log_key());

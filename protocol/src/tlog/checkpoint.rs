@@ -40,6 +40,8 @@ pub struct KeyedCheckpoint {
     pub key: [u8; 32],
     /// The entry that gave the log this key; 0 for the founding key.
     pub since: u64,
+    /// The network of the operator's statement about this key; `None` for the founding key.
+    pub network: Option<Digest>,
 }
 
 /// Why a text is not a valid checkpoint of the log.
@@ -134,9 +136,20 @@ impl KeyedCheckpoint {
                 checkpoint: parsed.checkpoint,
                 key: *signature.key.public(),
                 since: signature.since,
+                network: signature.network,
             })
         } else {
             Err(CheckpointError::NotCanonical)
+        }
+    }
+
+    /// Refuses a key that the operator gave the log of another network, perhaps of the same name.
+    pub fn check_network(&self, expected: &Digest) -> Result<(), CheckpointError> {
+        match self.network {
+            Some(network) if network != *expected => Err(CheckpointError::Rotation(format!(
+                "it is about network {network}"
+            ))),
+            _ => Ok(()),
         }
     }
 
@@ -173,6 +186,8 @@ pub struct LogSignature {
     pub key: VerifierKey,
     /// The entry that gave the log this key; 0 for the founding key.
     pub since: u64,
+    /// The network of the operator's statement about this key; `None` for the founding key.
+    pub network: Option<Digest>,
 }
 
 impl Parsed {
@@ -231,8 +246,14 @@ impl Parsed {
             .note
             .verify(&keys)
             .map_err(|error| CheckpointError::Signature(error.to_string()))?;
+        let network = rotation.as_ref().map(|signed| signed.statement.network);
         lines.extend(rotation.map(|rotation| key_rotation::line(&rotation, founding)));
-        Ok(LogSignature { lines, key, since })
+        Ok(LogSignature {
+            lines,
+            key,
+            since,
+            network,
+        })
     }
 }
 

@@ -38,6 +38,9 @@ fn a_later_key_is_followed_from_the_founding_one() {
     assert_eq!(opened.checkpoint, CHECKPOINT);
     assert_eq!((opened.key, opened.since), (public(&later_key(1)).0, 11));
     opened.check_key(&public(&later_key(1)).0).unwrap();
+    opened.check_network(&rotation(11).network).unwrap();
+    let refused = opened.check_network(&digest(9)).unwrap_err();
+    assert!(matches!(refused, CheckpointError::Rotation(_)), "{refused}");
     let refused = opened.check_key(&genesis().log_key).unwrap_err();
     assert!(refused.contains("the log's key there is"), "{refused}");
     let witnessed = WitnessPolicy::none().open(&text, &log_vkey()).unwrap();
