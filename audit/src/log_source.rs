@@ -12,6 +12,7 @@ use zk0_ledger::published::reader::{first_entry, PublishedLog};
 use zk0_ledger::published::source::{FolderSource, LogSource, SourceError};
 use zk0_ledger::published::web::Web;
 use zk0_ledger::store::Store;
+use zk0_protocol::tlog::checkpoint::log_key;
 use zk0_protocol::{Body, Entry, Genesis, VerifierKey, WitnessPolicy};
 
 /// Whom an auditor trusts.
@@ -111,6 +112,18 @@ pub fn genesis_at(from: &str, ca: Option<&Path>) -> Result<Genesis> {
     let first = Store::open_read_only(&database)?.entry(0)?;
     let first = first.ok_or_else(|| LedgerError::NoLedger(dir.into()))?;
     founder(&first)
+}
+
+/// The key that signs the newest checkpoint of the published log at an address or in a folder.
+///
+/// # Errors
+/// Those of [`source`]; or the log is not published, or not valid.
+pub fn present_key_at(from: &str, ca: Option<&Path>) -> Result<VerifierKey> {
+    let source = source(from, ca)?;
+    let genesis = genesis(source.as_ref(), None)?;
+    let founding = genesis.verifier_key()?;
+    let log = PublishedLog::open(source.as_ref(), &founding, &WitnessPolicy::none())?;
+    Ok(log_key(genesis.origin(), log.signer())?)
 }
 
 fn founder(first: &[u8]) -> Result<Genesis> {

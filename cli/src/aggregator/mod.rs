@@ -49,7 +49,7 @@ pub enum AggregatorCommand {
     /// End the operator's suspension of a node.
     Reinstate(OperatorDecides),
     /// Give the log another key, after the present one was stolen or lost, or to keep the founding key offline from now on. The ledger records
-    /// it, and readers, nodes and witnesses follow. Afterwards, the former key signs nothing.
+    /// it, and readers, nodes and witnesses follow. Those who have seen the change refuse the former key.
     RotateLogKey(RotateLogKey),
     /// Make public samples for a network that exists, and keep them among the blobs of its ledger. Each round's result is evaluated on the
     /// public samples that the rules name. This prints the rule that a vote can then put in force (`zk0 governance propose rules`).

@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use zk0_audit::fsck::{fsck, is_export};
 use zk0_audit::known_checkpoint::known_checkpoint;
-use zk0_audit::log_source::{genesis_at, source};
+use zk0_audit::log_source::{genesis_at, present_key_at, source};
 use zk0_circuits::Digest;
 use zk0_ledger::backup::{self, OldBlobs};
 use zk0_ledger::blobs::damaged::{DamagedBlob, Removed};
@@ -46,6 +46,9 @@ pub enum LedgerCommand {
         /// Where the log is read over HTTPS, accept only certificates that an authority in this PEM file has signed.
         #[arg(long, value_name = "FILE")]
         ca: Option<PathBuf>,
+        /// Print the key that signs the newest published checkpoint, for software that does not follow the log from its founding key to a later one.
+        #[arg(long)]
+        present: bool,
     },
     /// Write a ledger as plain files that any web server can serve (C2SP tlog-tiles). An earlier export is brought up to date.
     Export {
@@ -148,8 +151,13 @@ pub struct Restore {
 /// Runs the command.
 pub fn run(command: &LedgerCommand) -> Result<ExitCode> {
     match command {
-        LedgerCommand::Vkey { from, ca } => {
-            println!("{}", genesis_at(from, ca.as_deref())?.verifier_key()?);
+        LedgerCommand::Vkey { from, ca, present } => {
+            let key = if *present {
+                present_key_at(from, ca.as_deref())?
+            } else {
+                genesis_at(from, ca.as_deref())?.verifier_key()?
+            };
+            println!("{key}");
         }
         LedgerCommand::Export {
             dir,

@@ -54,6 +54,8 @@ fn the_operator_gives_the_log_another_key() {
     proves(&network, 5, "after");
     verifies(&network, &vkey, &["before", "after"]);
     assert_eq!(founding_key(&network), vkey);
+    let present = prints(&["ledger", "vkey", &network.path("ledger"), "--present"]);
+    assert_ne!(present.trim(), vkey);
     drill.passed();
 }
 

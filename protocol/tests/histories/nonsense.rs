@@ -250,15 +250,16 @@ fn any_drawing() -> impl Strategy<Value = Drawing> {
 }
 
 fn any_log_rotation() -> impl Strategy<Value = LogKeyRotation> {
-    (any_network(), any_node(), any_node(), any_u64()).prop_map(
-        |(network, operator, with, entry)| LogKeyRotation {
+    let operator = prop_oneof![Just(NodeId(genesis().log_key)), any_node()];
+    (any_network(), operator, any_node(), any_u64()).prop_map(|(network, operator, with, entry)| {
+        LogKeyRotation {
             network,
             log: genesis().name,
             operator,
             with,
             entry,
-        },
-    )
+        }
+    })
 }
 
 /// Entries in which members govern themselves, or that record the result.
@@ -266,8 +267,17 @@ fn any_governing() -> impl Strategy<Value = Body> {
     let takeover = any_rotation().prop_map(|rotation| KeyTakeover { rotation });
     let log_takeover = any_log_rotation().prop_map(|rotation| LogKeyTakeover { rotation });
     prop_oneof![
-        (signed(any_log_rotation()), signed(log_takeover))
-            .prop_map(|(rotation, takeover)| Body::LogKeyRotated { rotation, takeover }),
+        (
+            signed(any_log_rotation()),
+            signed(log_takeover),
+            any::<bool>()
+        )
+            .prop_map(|(rotation, mut takeover, same)| {
+                if same {
+                    takeover.statement.rotation = rotation.statement.clone();
+                }
+                Body::LogKeyRotated { rotation, takeover }
+            }),
         (signed(any_rotation()), signed(takeover))
             .prop_map(|(rotation, takeover)| Body::KeyRotated { rotation, takeover }),
         signed(any_proposal()).prop_map(Body::Proposed),

@@ -167,6 +167,8 @@ pub const REMOVALS: &[Removal] = &[
         "the_operator_has_the_key_that_it_gives_the_log"),
     protocol("a change of the log's key is for one log", LOG_KEY, never!("rotation.log != self.genesis.origin()"),
         "a_change_for_another_network_or_log_is_refused"),
+    protocol("a change of the log's key is for one network", LOG_KEY, skipped!("self.check_network(&rotation.network)?;"),
+        "a_change_for_another_network_or_log_is_refused"),
     protocol("a change of the log's key counts once", LOG_KEY, never!("rotation.entry != self.entries"),
         "a_change_of_the_logs_key_counts_once_and_at_its_place"),
     protocol("nobody else has the log's new key", LOG_KEY,
