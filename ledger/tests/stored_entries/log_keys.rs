@@ -75,6 +75,7 @@ fn a_log_goes_on_under_another_key() {
 fn a_former_key_opens_no_ledger() {
     let dir = tempfile::tempdir().unwrap();
     founded(dir.path());
+    let older = folder::read_checkpoint(dir.path()).unwrap();
     drop(rotates(dir.path(), later_key(1)));
     let signed = folder::read_checkpoint(dir.path()).unwrap();
     let refused = Ledger::open(dir.path(), None, log_key()).map(drop);
@@ -88,6 +89,12 @@ fn a_former_key_opens_no_ledger() {
         "{refused:?}"
     );
     assert_eq!(folder::read_checkpoint(dir.path()).unwrap(), signed);
+    // The writer was killed before it published the change.
+    fs::write(folder::checkpoint(dir.path()), older.as_ref().unwrap()).unwrap();
+    Ledger::open(dir.path(), None, log_key())
+        .map(drop)
+        .unwrap_err();
+    assert_eq!(folder::read_checkpoint(dir.path()).unwrap(), older);
 }
 
 #[test]

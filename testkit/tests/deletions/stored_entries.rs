@@ -28,6 +28,8 @@ pub const REMOVALS: &[Removal] = &[
     ledger("a folder is filled with the log of the key", STORED, never!("newest_key(store, state.genesis())? != *log_key"),
         "the_log_of_another_key_fills_no_folder"),
     ledger("a former key writes nothing", LOG, skipped!("check_key(genesis, keys, &log_key)?;"), "an_empty_folder_goes_on_under_a_new_key"),
+    ledger("a former key changes no file", LOG,
+        &[("(log_key, blobs.entry_store())", "(log_key.filter(|_| !OUT), blobs.entry_store())")], "a_former_key_opens_no_ledger"),
     ledger("the operator's key gives the log another one", LOG, never!("genesis.log_key != operator.verifying_key().to_bytes()"),
         "nothing_is_signed_for_a_thief_or_twice"),
     ledger("a key signs while it is the log's", "ledger/src/group.rs",
