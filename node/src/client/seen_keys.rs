@@ -36,10 +36,12 @@ impl SeenKeys {
     /// Takes the log's newest checkpoint, unless the log had another key before. An older one proves nothing of today.
     pub fn take_newest(&self, signed: &KeyedCheckpoint) -> Result<(), NodeError> {
         self.take(signed)?;
-        let since = self.since.load(Ordering::Relaxed);
-        if signed.since < since {
-            let size = signed.checkpoint.size;
-            Err(NodeError::FormerKey { size, since })
+        let newest = self.since.load(Ordering::Relaxed);
+        if signed.since < newest {
+            Err(NodeError::FormerKey {
+                size: signed.checkpoint.size,
+                since: newest,
+            })
         } else {
             Ok(())
         }

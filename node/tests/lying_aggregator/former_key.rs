@@ -77,3 +77,23 @@ async fn a_node_knows_the_key_that_opened_the_round() {
         assert_eq!(challenge.is_ok(), counts, "{challenge:?}");
     }
 }
+
+/// A thief of the former key shows a node the log as it was before the change.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_checkpoint_of_a_former_key_is_not_the_newest_one() {
+    let (mut told, index) = drawn_by(&later_key(1));
+    let info = told.round(Some(index));
+    told.leaves.truncate(4);
+    let (mut node, server) = told.connected(info).await;
+    node.checkpoint().await.unwrap();
+    let statement = commitment(&told.chain.state, 0, weights(0x10));
+    let commitment = closing::commitment(&statement);
+    let challenge = node.wait_for_challenge(&told.opened, &commitment).await;
+    challenge.unwrap();
+    let refused = node.checkpoint().await;
+    server.abort();
+    assert!(
+        matches!(refused, Err(NodeError::FormerKey { size: 4, .. })),
+        "{refused:?}"
+    );
+}

@@ -69,6 +69,8 @@ pub const REMOVALS: &[Removal] = &[
         "a_round_under_another_key_than_it_opened_with_ends_without_randomness"),
     node("a node knows the key that opened the round", "node/src/challenge.rs", filtered!("self.opening"),
         "a_node_knows_the_key_that_opened_the_round"),
+    node("a node takes no checkpoint of a former key for the newest one", "node/src/client/seen_keys.rs", never!("signed.since < newest"),
+        "a_checkpoint_of_a_former_key_is_not_the_newest_one"),
     node("a node knows the network of a later key", "node/src/client/seen_keys.rs", skipped!("signed.check_network(&self.network)?;"),
         "a_key_of_another_networks_log_shows_a_node_nothing"),
     node("a node refuses a former key", "node/src/client/seen_keys.rs", never!("signed.since < since && size > since"),
