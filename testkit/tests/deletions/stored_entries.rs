@@ -59,7 +59,7 @@ pub const REMOVALS: &[Removal] = &[
     ledger("a copy's statement about what was pruned is by the present key", "ledger/src/replay/auditing.rs",
         skipped!("signed.check_key(history.state().log_keys(), size)?;"), "what_a_former_key_signs_about_pruned_blobs_does_not_count"),
     ledger("a log that was rolled back to a former key learns it", "protocol/src/tlog/witness.rs",
-        &[("if request.old != last {", "if request.old != last && !(OUT && signature.since < watched.since) {")],
+        &[("if request.old != last {", "if request.old != last && !(OUT && watched.since > signature.since) {")],
         "a_witness_follows_another_key_and_refuses_the_former_one"),
     ledger("a witness remembers the later key of one tree", "ledger/src/witness_store.rs",
         always!("known.since == accepted.since"), "a_witness_remembers_the_later_of_two_keys_that_sign_one_tree"),
