@@ -322,11 +322,7 @@ fn results_have_the_bits_they_always_had() {
         let result = made::combine(&format, &given, strategy, &bases, &unread).unwrap();
         format!("{}\n", blob_digest(result.bytes()))
     });
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/vectors/combined.sha256");
-    if std::env::var_os("ZK0_WRITE_VECTORS").is_some() {
-        std::fs::write(path, digests.concat()).unwrap();
-    }
-    assert_eq!(digests.concat(), std::fs::read_to_string(path).unwrap());
+    made::check_vector("combined", &digests.concat());
 }
 
 proptest! {

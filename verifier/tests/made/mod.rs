@@ -2,6 +2,8 @@
 
 use std::collections::BTreeMap;
 use std::io::sink;
+use std::path::Path;
+use std::{env, fs};
 use zk0_circuits::claim::student::Confidence;
 use zk0_circuits::claim::t_test::TTest;
 use zk0_circuits::model::draw::Draw;
@@ -225,4 +227,14 @@ pub fn rounded_to(numbers: &[i128], unit: Unit, limits: (i16, i16)) -> ScaledTen
             .collect(),
         bits,
     }
+}
+
+/// Compares digests with those committed in `vectors/`. `ZK0_WRITE_VECTORS=1` writes them.
+#[track_caller]
+pub fn check_vector(name: &str, digests: &str) {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/vectors/{name}.sha256"));
+    if env::var_os("ZK0_WRITE_VECTORS").is_some() {
+        fs::write(&path, digests).unwrap();
+    }
+    assert_eq!(digests, fs::read_to_string(&path).unwrap());
 }
