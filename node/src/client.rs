@@ -73,7 +73,7 @@ pub struct NodeClient {
     genesis: Genesis,
     seen_keys: SeenKeys,
     /// The round that the node has seen open, and the log's key there: that draws its randomness.
-    opening: Option<(u64, [u8; 32])>,
+    pub(crate) opening: Option<(u64, [u8; 32])>,
     heads: For,
     store: StoreClient,
     /// How long the node waits for an answer; `None` for no limit.
