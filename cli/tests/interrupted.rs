@@ -102,6 +102,7 @@ fn an_interrupted_node_leaves_nothing_behind_and_goes_on_with_its_update() {
                 "cache",
                 "prefix-cache",
                 "unfinished-update",
+                "version",
             ]
             .contains(&name)
                 || begins.iter().any(|begin| name.starts_with(begin))

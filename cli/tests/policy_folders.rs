@@ -138,15 +138,16 @@ fn another_policy_than_the_networks_is_refused() {
     assert!(reported.contains(text(Path::new(&policy))), "{reported}");
 }
 
-/// Why an aggregator with these arguments does not start to write into `out`. It could not serve, because its address is taken.
+/// Why an aggregator with these arguments does not start to write into `out`. It could not serve, because its log's address is taken.
 #[track_caller]
 fn refused(mut arguments: Vec<String>, out: &Path) -> String {
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = taken.local_addr().unwrap().to_string();
-    for (option, value) in [("--checkpoints", text(out)), ("--listen", address.as_str())] {
+    for (option, value) in [("--checkpoints", text(out)), ("--listen", "127.0.0.1:0")] {
         let at = arguments.iter().position(|word| word == option).unwrap();
         arguments[at + 1] = value.into();
     }
+    arguments.extend(["--log-listen".into(), address]);
     fails(&words(&arguments))
 }
 
