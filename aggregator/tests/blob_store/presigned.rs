@@ -51,7 +51,7 @@ async fn stored(network: &Network, node: &SigningNode, update: &[u8]) -> Result<
 async fn an_update_in_the_bucket_is_taken_and_committed_to() {
     let Some(s3) = S3::start() else { return };
     let node = SigningNode::new(1);
-    let network = opened(&s3, &node, 10).await;
+    let mut network = opened(&s3, &node, 10).await;
     let update = weights(7);
     put(&network, &node, &update, &update).await;
     // It is no blob, and nobody can commit to it, before it is verified.
@@ -72,13 +72,15 @@ async fn an_update_in_the_bucket_is_taken_and_committed_to() {
         !metrics.contains(r#"zk0_uploads_total{from="message"}"#),
         "{metrics}"
     );
+    // A step of the round would wait for the bucket for ever, once it is gone.
+    network.stop().await;
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn what_is_not_the_signed_update_is_refused_by_name_and_not_kept() {
     let Some(s3) = S3::start() else { return };
     let node = SigningNode::new(1);
-    let network = opened(&s3, &node, 10).await;
+    let mut network = opened(&s3, &node, 10).await;
     let update = weights(7);
     let missing = stored(&network, &node, &update).await;
     refused(
@@ -100,6 +102,8 @@ async fn what_is_not_the_signed_update_is_refused_by_name_and_not_kept() {
     }
     node.upload(&network, 0, &update).await.unwrap();
     node.commit(&network, 0, &update).await.unwrap();
+    // A step of the round would wait for the bucket for ever, once it is gone.
+    network.stop().await;
 }
 
 /// Garbage of the right size is read once, and holds nobody. `ZK0_UPDATE_MB` states how much it is, in megabytes.
