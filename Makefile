@@ -13,7 +13,7 @@ RUST := scripts/with-rust
 ZK0 := $(CARGO_TARGET_DIR)/release/zk0
 SUDO := $(if $(filter-out 0,$(shell id -u)),sudo)
 
-.PHONY: look demo test hiding deletions attacks drills mutants quick lint coverage setup build image wheel deb guest fixtures book cycles prove-full round-full bench-succinct fidelity power bench-ledger bench-years bench-recording bench-train bench-decode bench-fedavg bench-load bench-simulate cuda network flower rollout units buckets
+.PHONY: look demo test hiding deletions attacks drills mutants quick lint coverage setup build image wheel deb guest fixtures book cycles prove-full round-full bench-succinct fidelity power bench-ledger bench-years bench-recording bench-train bench-decode bench-fedavg bench-load bench-simulate cuda gpu-pack network flower rollout units buckets
 
 # Audits the committed ledger, which holds real proofs, and shows the report. It builds an auditor's program, without a prover, in the place of the
 # whole one: `make build` builds that again.
@@ -30,13 +30,18 @@ setup:
 build: setup
 	$(RUST) cargo build --release --workspace --locked
 
-# Builds `zk0` with `--device cuda` for proving, training and evaluating, and an example that measures proofs. This takes a target
-# folder of its own, because the feature changes how much of SP1's dependencies is built. It needs no GPU. CUDA_ARCHS chooses the
-# GPUs to build for: see scripts/with-cuda.
+# Builds `zk0` with `--device cuda` for proving, training and evaluating, and two examples, which measure proofs and training steps. This
+# takes a target folder of its own, because the feature changes how much of SP1's dependencies is built. It needs no GPU. CUDA_ARCHS
+# chooses the GPUs to build for: see scripts/with-cuda.
 cuda: export CARGO_TARGET_DIR := $(CARGO_TARGET_DIR)-cuda
 cuda:
 	@scripts/setup.sh cuda
-	$(RUST) scripts/with-cuda cargo build --release --workspace --locked --features zk0/cuda --bin zk0 --example prove_synthetic
+	$(RUST) scripts/with-cuda cargo build --release --workspace --locked --features zk0/cuda --bin zk0 --example prove_synthetic --example train_step
+
+# Packs what scripts/gpu-check needs on a rented machine with a GPU (docs/gpu.md), and prints its sizes as a JSON line. 40 MB are too many. The pack
+# is zk0-gpu.tar.xz in the folder of `make cuda`.
+gpu-pack: cuda
+	scripts/gpu-pack $(CARGO_TARGET_DIR)-cuda/release/examples $(CARGO_TARGET_DIR)-cuda/zk0-gpu.tar.xz
 
 # Builds `zk0` with `--device network` for proving, and runs the tests of that against a prover network on this machine. This takes a target
 # folder of its own, because the feature changes how much of SP1's dependencies is built. It needs no account, and costs nothing.

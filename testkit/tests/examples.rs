@@ -4,21 +4,22 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::{env, fs};
 
-/// Runs the example `name`.
-fn run(name: &str, arguments: &[&Path]) -> Output {
-    let built = env::current_exe().unwrap();
-    let example = built
-        .ancestors()
-        .nth(2)
-        .unwrap()
-        .join("examples")
-        .join(name);
+/// The program of the example `name`.
+pub fn built(name: &str) -> PathBuf {
+    let this = env::current_exe().unwrap();
+    let release = this.ancestors().nth(2).unwrap();
+    let example = release.join("examples").join(name);
     assert!(
         example.exists(),
         "{} is not built: cargo build --release --workspace --locked --examples",
         example.display()
     );
-    Command::new(example).args(arguments).output().unwrap()
+    example
+}
+
+/// Runs the example `name`.
+fn run(name: &str, arguments: &[&Path]) -> Output {
+    Command::new(built(name)).args(arguments).output().unwrap()
 }
 
 /// What it prints, if it ends well.
@@ -28,11 +29,12 @@ fn printed(output: Output) -> String {
     String::from_utf8(output.stdout).unwrap()
 }
 
-fn root() -> &'static Path {
+/// The root of the repository.
+pub fn root() -> &'static Path {
     Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
 }
 
-fn fixture(path: &str) -> PathBuf {
+pub fn fixture(path: &str) -> PathBuf {
     root().join("tests/fixtures").join(path)
 }
 

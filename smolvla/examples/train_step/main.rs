@@ -6,12 +6,14 @@
 //! - `cached`: the expert is trained over frames whose frozen half is in a cache on disk, read from there in every step;
 //! - `cached-state`: expert and `state_proj` are trained over such a cache of pictures and language.
 //!
-//! A step is forward, backward, clipping and AdamW. The first is not counted: it sets up memory and threads.
+//! A step is forward, backward, clipping and AdamW. The first is not counted: it sets up memory and threads. Printed are the losses before the
+//! first and the last step. The same arguments give the same losses on each device, but for rounding.
 //! DEVICE is `cpu`, or with feature `cuda` a GPU, where the frozen half multiplies in bf16.
 
 mod over_cache;
 
 use std::collections::BTreeMap;
+use std::process::ExitCode;
 use std::time::Instant;
 
 use candle_core::{Tensor, Var};
@@ -153,8 +155,8 @@ impl Bench {
 struct Measured {
     /// The seconds of each step, including the first one.
     seconds: Vec<f64>,
-    /// The loss before the last step.
-    loss: f32,
+    /// The loss before each step.
+    losses: Vec<f32>,
     /// How many parameters were trained.
     trained: usize,
 }
@@ -166,18 +168,18 @@ fn whole(
     place: &FrozenPlace,
 ) -> Result<Measured, Failure> {
     let mut bench = Bench::new(profile, batch, place)?;
-    let (mut seconds, mut loss) = (Vec::new(), 0.0);
+    let (mut seconds, mut losses) = (Vec::new(), Vec::new());
     for _ in 0..=steps {
         let started = Instant::now();
         // A gradient reaches `state_proj` through the prefix.
         let cache = bench.prefix.cache_training_state(&bench.input()?)?;
-        loss = bench.step(&cache)?;
+        losses.push(bench.step(&cache)?);
         seconds.push(started.elapsed().as_secs_f64());
     }
     let trained = bench.variables.values().map(|v| v.elem_count()).sum();
     Ok(Measured {
         seconds,
-        loss,
+        losses,
         trained,
     })
 }
@@ -192,7 +194,15 @@ fn peak_memory() -> Option<u64> {
     Some(1024 * kilobytes)
 }
 
-fn main() -> Result<(), Failure> {
+fn main() -> ExitCode {
+    let Err(error) = measure() else {
+        return ExitCode::SUCCESS;
+    };
+    eprintln!("train_step: {error}");
+    ExitCode::FAILURE
+}
+
+fn measure() -> Result<(), Failure> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [profile, batch, what, steps, device_name @ ..] = arguments.as_slice() else {
         return Err(
@@ -224,7 +234,8 @@ fn main() -> Result<(), Failure> {
         serde_json::json!({
             "side": "zk0", "profile": profile, "batch": batch, "what": what, "steps": steps,
             "step_seconds": median, "peak_memory_bytes": memory,
-            "trained_parameters": measured.trained, "loss": measured.loss,
+            "trained_parameters": measured.trained,
+            "first_loss": measured.losses.first(), "loss": measured.losses.last(),
             "device": device_name, "frozen_precision": place.precision.name(),
         })
     );

@@ -94,16 +94,16 @@ pub fn run<S: FromFrame + CacheEntry>(
     };
     let mut trainer = Trainer::on(place, &config, &expert, frozen, samples, options)?;
     drop((expert, part));
-    let (mut seconds, mut loss) = (Vec::new(), 0.0);
+    let (mut seconds, mut losses) = (Vec::new(), Vec::new());
     while !trainer.is_done() {
         let started = Instant::now();
-        loss = trainer.step()?.loss;
+        losses.push(trainer.step()?.loss);
         seconds.push(started.elapsed().as_secs_f64());
     }
     let trained = trainer.values()?.values().map(|t| t.data.len()).sum();
     Ok(Measured {
         seconds,
-        loss,
+        losses,
         trained,
     })
 }
