@@ -13,7 +13,7 @@ RUST := scripts/with-rust
 ZK0 := $(CARGO_TARGET_DIR)/release/zk0
 SUDO := $(if $(filter-out 0,$(shell id -u)),sudo)
 
-.PHONY: look demo test hiding deletions attacks drills mutants quick lint coverage setup build image wheel deb guest fixtures book cycles prove-full round-full bench-succinct fidelity power bench-ledger bench-years bench-recording bench-train bench-decode bench-fedavg bench-load bench-simulate cuda gpu-pack network flower rollout units buckets
+.PHONY: look demo test hiding deletions attacks drills mutants quick lint coverage setup build image wheel deb guest fixtures book cycles prove-full round-full bench-succinct fidelity power bench-ledger bench-years bench-recording bench-train bench-decode bench-fedavg bench-load bench-simulate cuda gpu-pack network flower rollout update units buckets
 
 # Audits the committed ledger, which holds real proofs, and shows the report. It builds an auditor's program, without a prover, in the place of the
 # whole one: `make build` builds that again.
@@ -241,6 +241,12 @@ rollout: build
 units: build
 	@scripts/setup.sh units
 	$(SUDO) env SUITE=$(SUITE) scripts/try-units/run.sh $(ZK0)
+
+# Updates a network by docs/governance.md with two releases: this one, and one with other guest programs, which is built of HEAD. The proofs are real, so
+# that this needs 20 GiB of memory; see the script.
+update: build
+	@scripts/setup.sh guest
+	scripts/try-update
 
 # Rebuilds the guest programs and their verifying keys from source.
 guest:

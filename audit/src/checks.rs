@@ -12,7 +12,7 @@ use crate::depth::Depth;
 use crate::trusted_programs::TrustedPrograms;
 use borsh::{BorshDeserialize, BorshSerialize};
 use std::fmt::Display;
-use zk0_circuits::claim::program::verifying_key;
+use zk0_circuits::claim::program::{is_carried, verifying_key};
 use zk0_circuits::{Digest, EvalSpec, NodeId, WeightsDigest};
 use zk0_ledger::blobs::{BlobError, Blobs};
 use zk0_protocol::entries::genesis::Genesis;
@@ -322,8 +322,7 @@ pub fn disputed(
 
 /// Checks that the guest program is this release's, or the auditor's. `key` is the genesis's, or one in force by vote.
 pub fn program(genesis: &Genesis, key: &[u8], named: &TrustedPrograms) -> Check {
-    let own = verifying_key(genesis.mode);
-    if key == own || named.programs.contains(key) {
+    if is_carried(genesis.mode, key) || named.programs.contains(key) {
         return Check::Passed(CheckKind::Program);
     }
     let theirs = hex::encode(key);
@@ -331,7 +330,7 @@ pub fn program(genesis: &Genesis, key: &[u8], named: &TrustedPrograms) -> Check 
         "the network's proofs are of the guest program {theirs}; that of this release, in mode {}, is {}, and what another program \
          proves is unknown; if you know that program, repeat the audit with --program {theirs}",
         genesis.mode,
-        hex::encode(own)
+        hex::encode(verifying_key(genesis.mode))
     ))
 }
 

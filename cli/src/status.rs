@@ -160,8 +160,9 @@ impl StatusView {
             name: node.genesis().name.clone(),
             checkpoint: node.checkpoint().await?.size,
             carried: carried(node.genesis().mode)
-                .map(|own| own.to_string())
-                .into(),
+                .iter()
+                .map(ToString::to_string)
+                .collect(),
             now: node.status().await?,
         })
     }

@@ -117,7 +117,7 @@ impl Participant {
         for _ in 0..rounds {
             metrics.enters(NodePhase::Waiting);
             // A vote may have changed program and rules since the last round.
-            let OpenRound { opened, .. } = node.wait_for_provable_round(next).await?;
+            let OpenRound { opened, program } = node.wait_for_provable_round(next).await?;
             recording.check(&opened.rules.recordings)?;
             let round = opened.round;
             metrics.begins(round);
@@ -131,6 +131,7 @@ impl Participant {
                 state: &self.state,
                 entered: &entered,
                 opened: &opened,
+                program: &program,
                 eval_samples: eval_samples(self.eval_samples, &opened, held, most)?,
             };
             let played = play(&turn, node).await;

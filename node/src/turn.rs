@@ -30,6 +30,7 @@ use zk0_circuits::{Claim, Digest, Mode, QuantisedWeights, Terms, WeightsDigest};
 use zk0_protocol::blob::blob_digest;
 use zk0_protocol::counted::counted;
 use zk0_protocol::entries::entry::RoundOpened;
+use zk0_protocol::entries::program::Program;
 use zk0_protocol::entries::proof_blob::ProofBlob;
 use zk0_protocol::entries::refusal::Refusal;
 use zk0_protocol::rules::bindings::ExpectedClaim;
@@ -100,6 +101,8 @@ pub struct Turn<'a> {
     pub entered: &'a Entered<'a>,
     /// The round.
     pub opened: &'a RoundOpened,
+    /// The guest program in force in it.
+    pub program: &'a Program,
     /// Samples on which the update is evaluated.
     pub eval_samples: u32,
 }
@@ -242,7 +245,7 @@ impl Turn<'_> {
         let PreparedClaim {
             claim,
             weight_check,
-            input,
+            mut input,
         } = match unfinished::read_claim(self.state, &expected.terms)? {
             Some(kept) => kept,
             None => {
@@ -257,6 +260,8 @@ impl Turn<'_> {
                 prepared
             }
         };
+        // The release's own program may not be in force yet.
+        input.program.clone_from(&self.program.key);
         let proof = have_proven(prover, node, self.opened, input).await?;
         tracing::info!(
             "round {}: the claim is proven: {} cycles in {} s; the proof has {} bytes",

@@ -245,10 +245,7 @@ async fn execute(executor: &Executor, work: &Work) -> Result<(Value, Option<Gues
     }
     let read = |name: &str| fs::read(folder.path().join(name));
     let buffers: Vec<Vec<u8>> = borsh::from_slice(&read("input.bin")?)?;
-    let input = GuestInput {
-        mode: *mode,
-        buffers,
-    };
+    let input = GuestInput::new(*mode, buffers);
     eprintln!("{model}, mode {mode}: executing");
     let begin = Instant::now();
     let run = executor.execute(elf(*mode), &input.buffers).await?;

@@ -75,7 +75,7 @@ async fn prove() -> Result<(), Box<dyn Error>> {
         }
     }
     let buffers: Vec<Vec<u8>> = borsh::from_slice(&fs::read(path("input.bin"))?)?;
-    let input = GuestInput { mode, buffers };
+    let input = GuestInput::new(mode, buffers);
     let claim = input.claim()?;
     let run = Executor::new()
         .await?

@@ -1,19 +1,21 @@
 //! Writes the verifying keys of the guest ELFs, and the records of how they were built. Run it after `circuits/build-guest.sh` has
 //! replaced the ELFs; `make guest` does both.
 //!
-//! `cargo run --release -p zk0-prover --example record_guest`
+//! `cargo run --release -p zk0-prover --example record_guest [CIRCUITS]`; CIRCUITS is this clone's `circuits` unless another one is named
 
 use serde_json::json;
 use sha2::{Digest, Sha256};
+use std::env;
 use std::error::Error;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 use zk0_prover::program::Executor;
 
 #[tokio::main]
 async fn main() -> Result<(), Box<dyn Error>> {
-    let circuits = Path::new(env!("CARGO_MANIFEST_DIR")).join("../circuits");
+    let own = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../circuits");
+    let circuits = env::args_os().nth(1).map_or_else(own, PathBuf::from);
     let executor = Executor::new().await?;
     for program in ["direct", "succinct"] {
         record(&circuits, program, &executor).await?;

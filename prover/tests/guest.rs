@@ -6,12 +6,12 @@ use std::fs;
 use std::path::PathBuf;
 use std::process::Command;
 use zk0_argument::claim::{self, ClaimInput};
-use zk0_circuits::claim::program::verifying_key;
+use zk0_circuits::claim::program::{verifying_key, verifying_keys};
 use zk0_circuits::claim::statement::check;
 use zk0_circuits::model::spec::Dims;
 use zk0_circuits::{EvalSpec, Mode, PrivateInput};
 use zk0_prover::measure::cycles::{self, CycleCount};
-use zk0_prover::program::{elf, synthetic, ExecuteError, Executor};
+use zk0_prover::program::{elf, elfs, synthetic, ExecuteError, Executor};
 use zk0_testkit::claims::ClaimingNode;
 
 fn circuits() -> PathBuf {
@@ -273,7 +273,14 @@ async fn a_claim_that_costs_more_than_before_fails_the_test() {
 async fn the_records_beside_the_elfs_are_true() {
     let executor = Executor::new().await.unwrap();
     for mode in Mode::ALL {
-        let (program, elf, expected) = (mode.to_string(), elf(mode), verifying_key(mode));
+        let (program, keys) = (mode.to_string(), verifying_keys(mode));
+        // A program without a key or a key without a program would never be found.
+        assert_eq!(elfs(mode).len(), keys.len());
+        for (elf, expected) in elfs(mode).iter().zip(keys).skip(1) {
+            let key = executor.verifying_key(elf).await.unwrap();
+            assert_eq!(key.koalabear, **expected, "of an earlier {program}.elf");
+        }
+        let (elf, expected) = (elf(mode), verifying_key(mode));
         let record = fs::read_to_string(circuits().join(format!("elf/{program}.json"))).unwrap();
         let record: serde_json::Value = serde_json::from_str(&record).unwrap();
         assert_eq!(record["elf_sha256"], hex::encode(Sha256::digest(elf)));

@@ -1,7 +1,7 @@
 //! A network's guest programs, in words.
 
 use serde::Serialize;
-use zk0_circuits::claim::program::verifying_key;
+use zk0_circuits::claim::program::is_carried;
 use zk0_circuits::Mode;
 use zk0_protocol::entries::program::Program;
 
@@ -28,7 +28,7 @@ impl ProgramInForce {
             from_round,
             key: hex::encode(&program.key),
             sp1: program.sp1.clone(),
-            ours: mode.is_some_and(|mode| program.key == verifying_key(mode)),
+            ours: mode.is_some_and(|mode| is_carried(mode, &program.key)),
         }
     }
 }

@@ -103,10 +103,7 @@ fn fill(prover: &Prover) -> (usize, Runtime) {
         let (told, hears) = channel();
         runtime.spawn(async move {
             let mut client = ProvingClient::connect(address).await.unwrap();
-            let input = GuestInput {
-                mode: Mode::Direct,
-                buffers: vec![vec![number as u8]],
-            };
+            let input = GuestInput::new(Mode::Direct, vec![vec![number as u8]]);
             let taken = told.clone();
             let proven = client.prove(input, move |_| taken.send(true).unwrap_or_default());
             let proven = proven.await;

@@ -33,7 +33,8 @@ fn governors_found_a_network_and_vote_by_the_page() {
     let fewer = rules.replace("\"min_eval_samples\": 16", "\"min_eval_samples\": 15");
     assert_ne!(rules, fewer);
     fs::write(reader.path("rules.json"), fewer).unwrap();
-    let proposed = reader.follows(PAGE, "zk0 governance propose $AT");
+    let propose = "zk0 governance propose $AT --key governor.key --title \"fewer";
+    let proposed = reader.follows(PAGE, propose);
     assert!(proposed.contains("proposal 0"), "{proposed}");
     let voted = reader.follows(PAGE, "zk0 governance vote $AT");
     assert!(voted.contains("of 2"), "{voted}");

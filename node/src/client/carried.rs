@@ -6,20 +6,21 @@ use crate::client::NodeClient;
 use crate::client_error::NodeError;
 use crate::observe::NodeMetrics;
 use std::time::{Duration, Instant};
-use zk0_circuits::claim::program::verifying_key;
+use zk0_circuits::claim::program::verifying_keys;
 use zk0_circuits::Mode;
 use zk0_protocol::entries::program::{Program, OUR_SP1};
 
 /// How often the log has the reason of a wait.
 const LOGGED_AGAIN: Duration = Duration::from_secs(3600);
 
-/// The programs of a network of this mode for which this release can prove claims, the newest first. The next release adds the program
-/// before its own.
-pub fn carried(mode: Mode) -> [Program; 1] {
-    [Program {
-        key: verifying_key(mode).to_vec(),
+/// The programs of a network of this mode for which this release can prove claims, the newest first.
+pub fn carried(mode: Mode) -> Vec<Program> {
+    let keys = verifying_keys(mode).iter();
+    let programs = keys.map(|key| Program {
+        key: key.to_vec(),
         sp1: OUR_SP1.into(),
-    }]
+    });
+    programs.collect()
 }
 
 /// What the log and the metrics show of a program that the node lacks.

@@ -433,6 +433,7 @@ async fn a_download_takes_no_more_memory_than_weights_of_the_network_do() {
         state: folder.path(),
         entered: &entered,
         opened: &opened,
+        program: &Program::founding(&[2; 32]),
         eval_samples: 1,
     };
     let (mut node, server) = told.connected(rpc::RoundInfo::default()).await;

@@ -12,7 +12,7 @@ use zk0_testkit::network::genesis;
 #[tokio::test(flavor = "multi_thread")]
 async fn a_node_waits_while_it_lacks_the_program_in_force() {
     let told = Told::new();
-    let [own] = carried(genesis().mode);
+    let own = carried(genesis().mode).remove(0);
     let of_other_sp1 = Program {
         sp1: "9.9.9".into(),
         ..own.clone()
@@ -44,7 +44,7 @@ async fn a_node_waits_while_it_lacks_the_program_in_force() {
 /// The aggregator names one program for the open round, and another one as that in force.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_node_that_is_told_two_programs_asks_less_and_less_often() {
-    let [own] = carried(genesis().mode);
+    let own = carried(genesis().mode).remove(0);
     let told = Told {
         in_force: Some(own),
         ..Told::new()

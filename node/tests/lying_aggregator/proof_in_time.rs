@@ -59,10 +59,7 @@ async fn a_node_waits_for_no_proof_that_would_come_too_late() {
     let mut prover = ProvingClient::connect(address).await.unwrap();
     // The second claim waits in the queue, because the first one is still being proven.
     for claim in ["proven", "queued"] {
-        let input = GuestInput {
-            mode: Mode::Direct,
-            buffers: vec![claim.into()],
-        };
+        let input = GuestInput::new(Mode::Direct, vec![claim.into()]);
         let proven = have_proven(&mut prover, &mut node, &opened, input);
         let proven = timeout(Duration::from_secs(20), proven).await;
         let error = proven.expect("the node waits on").err();

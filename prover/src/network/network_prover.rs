@@ -3,7 +3,7 @@
 use super::account::{AccountError, ProverAccount};
 use super::bid::Bid;
 use super::options::{NetworkOptions, ProverSelection};
-use crate::program::{elf, stdin, ExecuteError, Execution, Executor, Shareable};
+use crate::program::{carried, stdin, ExecuteError, Execution, Executor, LacksProgram, Shareable};
 use crate::prove::{check_program, verified, OtherProgram, Proof};
 use sp1_sdk::network::proto::types::{ExecutionStatus, FulfillmentStatus, ProofMode};
 use sp1_sdk::network::signer::NetworkSigner;
@@ -43,6 +43,9 @@ pub enum NetworkError {
     /// SP1 failed on this machine.
     #[error(transparent)]
     Sp1(#[from] ExecuteError),
+    /// This release lacks the claim's program.
+    #[error(transparent)]
+    Lacks(#[from] LacksProgram),
     /// Verifiers do not expect this ELF.
     #[error(transparent)]
     OtherProgram(#[from] OtherProgram),
@@ -75,16 +78,16 @@ pub enum NetworkError {
     Unsound(String),
 }
 
-/// An account on a network that has the program.
+/// An account on a network that has the programs.
 pub struct NetworkProver {
     client: NetworkClient,
     options: NetworkOptions,
-    mode: Mode,
-    program: B256,
+    /// The verifying key of each program, and its name there.
+    programs: Vec<(&'static [u8; 32], B256)>,
 }
 
 impl NetworkProver {
-    /// Connects to the network and registers a mode's public program.
+    /// Connects to the network and registers a mode's public programs.
     pub async fn start(
         account: &ProverAccount,
         options: NetworkOptions,
@@ -102,15 +105,17 @@ impl NetworkProver {
             None => get_default_rpc_url_for_mode(network),
         };
         reach(&address).await?;
-        let program = executor.set_up(elf(mode)).await?;
-        check_program(&program, mode)?;
         let client = NetworkClient::new(signer, address, network);
-        let program = register(&client, &program, options.timeout).await?;
+        let mut programs = Vec::new();
+        for (key, elf) in carried(mode) {
+            let program = executor.set_up(elf).await?;
+            check_program(&program, key)?;
+            programs.push((key, register(&client, &program, options.timeout).await?));
+        }
         Ok(Self {
             client,
             options,
-            mode,
-            program,
+            programs,
         })
     }
 
@@ -123,14 +128,20 @@ impl NetworkProver {
         given_up: impl Future<Output = impl Display>,
         taken: impl Fn(bool),
     ) -> Result<Proof, NetworkError> {
-        let stdin = stdin(&input.input().buffers);
+        let input = input.input();
+        let found = self
+            .programs
+            .iter()
+            .find(|(key, _)| key[..] == input.program[..]);
+        let (key, program) = found.ok_or_else(|| LacksProgram(input.program.clone()))?;
+        let stdin = stdin(&input.buffers);
         let end = async {
             tokio::select! {
                 reason = given_up => NetworkError::GivenUp(reason.to_string()),
                 () = sleep(self.options.timeout) => NetworkError::TimedOut(self.options.timeout.as_secs()),
             }
         };
-        let request = self.request(&stdin, cost);
+        let request = self.request(*program, &stdin, cost);
         tokio::pin!(end, request);
         taken(false);
         // An unwanted request must not begin.
@@ -161,15 +172,19 @@ impl NetworkProver {
             self.withdraw(id).await;
         }
         let proof = waited?;
-        verified(self.mode, &proof.proof, proof.public_values.to_vec())
-            .map_err(NetworkError::Unsound)
+        verified(key, &proof.proof, proof.public_values.to_vec()).map_err(NetworkError::Unsound)
     }
 
     /// Uploads the private input; returns the request's number.
-    async fn request(&self, stdin: &SP1Stdin, cost: &Execution) -> Result<B256, NetworkError> {
+    async fn request(
+        &self,
+        program: B256,
+        stdin: &SP1Stdin,
+        cost: &Execution,
+    ) -> Result<B256, NetworkError> {
         let doing = "take the request";
         let ProverSelection::Auction = self.options.strategy else {
-            return self.request_for(stdin, cost, Bid::default()).await;
+            return self.request_for(program, stdin, cost, Bid::default()).await;
         };
         let params = self
             .client
@@ -177,11 +192,12 @@ impl NetworkProver {
             .await;
         let params = params.map_err(|error| refused(doing, format!("{error:#}")))?;
         let bid = Bid::suggested(params).map_err(|reason| refused(doing, reason))?;
-        self.request_for(stdin, cost, bid).await
+        self.request_for(program, stdin, cost, bid).await
     }
 
     async fn request_for(
         &self,
+        program: B256,
         stdin: &SP1Stdin,
         cost: &Execution,
         bid: Bid,
@@ -198,7 +214,7 @@ impl NetworkProver {
         let response = self
             .client
             .request_proof(
-                self.program,
+                program,
                 stdin,
                 ProofMode::Compressed,
                 SP1_CIRCUIT_VERSION,

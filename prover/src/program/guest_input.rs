@@ -5,6 +5,7 @@ use std::path::Path;
 use zk0_argument::claim::{self, Blind, ClaimInput, ClaimSource, NotMade, NotShown};
 use zk0_argument::expert::prover_values::Unprovable;
 use zk0_circuits::claim::private_input::InputError;
+use zk0_circuits::claim::program::verifying_key;
 use zk0_circuits::claim::statement::check;
 use zk0_circuits::claim::statement_error::StatementError;
 use zk0_circuits::{Claim, Mode, PrivateInput};
@@ -14,6 +15,8 @@ use zk0_circuits::{Claim, Mode, PrivateInput};
 pub struct GuestInput {
     /// The program's mode.
     pub mode: Mode,
+    /// The program's verifying key.
+    pub program: Vec<u8>,
     /// One buffer per read.
     pub buffers: Vec<Vec<u8>>,
 }
@@ -83,9 +86,9 @@ pub enum GuestInputError {
 }
 
 impl PreparedClaim {
-    /// The claim that `source` proves, and the program's input. `blind` hides the samples. Mode `succinct` makes the argument, in minutes
-    /// per sample at the published size. With a folder, values of samples are in files there meanwhile. `progress` gets the share done,
-    /// from 0 to 1.
+    /// The claim that `source` proves, and the input of this release's own program. `blind` hides the samples. Mode `succinct` makes the
+    /// argument, in minutes per sample at the published size. With a folder, values of samples are in files there meanwhile. `progress`
+    /// gets the share done, from 0 to 1.
     ///
     /// # Errors
     /// The claim does not hold, or this mode cannot prove it.
@@ -113,7 +116,7 @@ impl PreparedClaim {
                 (claim, weight_check.collect(), made.to_buffers().to_vec())
             }
         };
-        let input = GuestInput { mode, buffers };
+        let input = GuestInput::new(mode, buffers);
         Ok(Self {
             claim,
             weight_check,
@@ -123,6 +126,15 @@ impl PreparedClaim {
 }
 
 impl GuestInput {
+    /// The input of this release's own program of `mode`.
+    pub fn new(mode: Mode, buffers: Vec<Vec<u8>>) -> Self {
+        Self {
+            mode,
+            program: verifying_key(mode).to_vec(),
+            buffers,
+        }
+    }
+
     /// The bytes of all buffers.
     pub fn bytes(&self) -> u64 {
         self.buffers.iter().map(|buffer| buffer.len() as u64).sum()

@@ -6,7 +6,8 @@ mod guest_input;
 mod shareable;
 pub mod synthetic;
 
-pub use elf::elf;
+pub(crate) use elf::{carried, elf_of};
+pub use elf::{elf, elfs, LacksProgram};
 pub(crate) use execute::stdin;
 pub use execute::{ExecuteError, Execution, Executor, VerifyingKey};
 pub use guest_input::{GuestInput, GuestInputError, NotProvable, PreparedClaim};

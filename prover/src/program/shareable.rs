@@ -39,7 +39,7 @@ mod tests {
     fn an_input_that_holds_a_recording_is_never_shareable() {
         for mode in Mode::ALL {
             let buffers = vec![vec![1]];
-            let shareable = Shareable::of(&GuestInput { mode, buffers }).map(|_| ());
+            let shareable = Shareable::of(&GuestInput::new(mode, buffers)).map(|_| ());
             let expected = match mode {
                 Mode::Succinct => Ok(()),
                 _ => Err(HoldsRecording(mode)),

@@ -2,8 +2,6 @@
 
 use crate::program::VerifyingKey;
 use sp1_sdk::{ProvingKey, SP1ProvingKey};
-use zk0_circuits::claim::program::verifying_key;
-use zk0_circuits::Mode;
 
 /// Verifiers expect another program than the ELF.
 #[derive(Debug, thiserror::Error)]
@@ -13,9 +11,13 @@ pub struct OtherProgram {
     pub found: String,
 }
 
-pub(crate) fn check_program(program: &SP1ProvingKey, mode: Mode) -> Result<(), OtherProgram> {
+/// Checks that a program has the verifying key `expected`.
+pub(crate) fn check_program(
+    program: &SP1ProvingKey,
+    expected: &[u8; 32],
+) -> Result<(), OtherProgram> {
     match VerifyingKey::of(program.verifying_key()) {
-        Ok(key) if key.koalabear == verifying_key(mode) => Ok(()),
+        Ok(key) if key.koalabear == expected => Ok(()),
         Ok(key) => Err(OtherProgram { found: key.bytes32 }),
         Err(error) => Err(OtherProgram {
             found: error.to_string(),

@@ -8,7 +8,7 @@ use super::program_key::{check_program, OtherProgram};
 use super::proof::Proof;
 use super::verified::verified;
 use crate::machine::{Device, LockError, ProverLock};
-use crate::program::{elf, stdin, GuestInput};
+use crate::program::{carried, stdin, GuestInput, LacksProgram};
 use sp1_sdk::SP1ProvingKey;
 use std::sync::Arc;
 use tokio::sync::Mutex;
@@ -46,13 +46,13 @@ pub struct Sp1Prover {
 
 struct Sp1 {
     engine: Box<dyn ProverEngine>,
-    /// Per mode, in the order of [`Mode::ALL`].
-    programs: [SP1ProvingKey; 2],
+    /// All carried programs, each with its verifying key.
+    programs: Vec<(&'static [u8; 32], SP1ProvingKey)>,
     _lock: Arc<ProverLock>,
 }
 
 impl Sp1Prover {
-    /// Starts SP1 on `device` for all modes' programs, whose verifying keys must be the recorded ones. Takes one to two minutes on two
+    /// Starts SP1 on `device` for all carried programs, whose verifying keys must be the recorded ones. Takes one to two minutes on two
     /// cores.
     pub async fn start(device: Device, lock: Arc<ProverLock>) -> Result<Self, ProveError> {
         let failed = |reason| ProveError::Sp1 {
@@ -61,13 +61,12 @@ impl Sp1Prover {
         };
         let sp1 = spawn_blocking(move || {
             let engine = engine::start(device).map_err(failed)?;
-            let set_up = |mode| {
-                let program = engine.setup(elf(mode)).map_err(failed)?;
-                check_program(&program, mode)?;
-                Ok::<_, ProveError>(program)
-            };
-            let [direct, succinct] = Mode::ALL.map(set_up);
-            let programs = [direct?, succinct?];
+            let mut programs = Vec::new();
+            for (key, elf) in Mode::ALL.into_iter().flat_map(carried) {
+                let program = engine.setup(elf).map_err(failed)?;
+                check_program(&program, key)?;
+                programs.push((key, program));
+            }
             Ok::<_, ProveError>(Sp1 {
                 engine,
                 programs,
@@ -85,23 +84,23 @@ impl Sp1Prover {
     /// first: a refused input costs minutes here, and the error gives no reason.
     pub async fn prove_compressed(&self, input: &GuestInput) -> Result<Proof, ProveError> {
         let turn = self.proving.clone().lock_owned().await;
-        let (sp1, mode, stdin) = (self.sp1.clone(), input.mode, stdin(&input.buffers));
+        let (sp1, program) = (self.sp1.clone(), input.program.clone());
+        let stdin = stdin(&input.buffers);
         let work = spawn_blocking(move || {
             // The work itself holds the turn. If a caller stops waiting, no second proof starts beside it.
             let _turn = turn;
-            sp1.prove(mode, stdin)
+            sp1.prove(program, stdin)
         });
         work.await.map_err(|panic| proving(panic.to_string()))?
     }
 }
 
 impl Sp1 {
-    fn prove(&self, mode: Mode, stdin: sp1_sdk::SP1Stdin) -> Result<Proof, ProveError> {
-        let proven = self
-            .engine
-            .prove(&self.programs[mode as usize], stdin)
-            .map_err(proving)?;
-        verified(mode, &proven.proof, proven.public_values.to_vec()).map_err(ProveError::Unsound)
+    fn prove(&self, program: Vec<u8>, stdin: sp1_sdk::SP1Stdin) -> Result<Proof, ProveError> {
+        let found = self.programs.iter().find(|(key, _)| key[..] == program[..]);
+        let (key, program) = found.ok_or_else(|| proving(LacksProgram(program).to_string()))?;
+        let proven = self.engine.prove(program, stdin).map_err(proving)?;
+        verified(key, &proven.proof, proven.public_values.to_vec()).map_err(ProveError::Unsound)
     }
 }
 

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use tokio::sync::watch;
 use zk0_circuits::Mode;
 
-/// The SHA-256 of all that decides a proof: the mode, which names the program, and the buffers.
+/// The SHA-256 of all that decides a proof: mode, program and buffers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct RequestDigest([u8; 32]);
 
@@ -21,10 +21,10 @@ impl RequestDigest {
         };
         let mut hasher = Sha256::new();
         hasher.update(mode.to_le_bytes());
-        for buffer in &input.buffers {
-            // The length comes first, so that bytes cannot move between buffers.
-            hasher.update((buffer.len() as u64).to_le_bytes());
-            hasher.update(buffer);
+        for part in [&input.program].into_iter().chain(&input.buffers) {
+            // The length comes first, so that bytes cannot move between parts.
+            hasher.update((part.len() as u64).to_le_bytes());
+            hasher.update(part);
         }
         Self(hasher.finalize().into())
     }
@@ -176,15 +176,20 @@ mod tests {
 
     #[test]
     fn every_byte_and_every_border_of_a_request_counts() {
-        let of = |mode, buffers: &[&str]| {
+        let input = |mode, buffers: &[&str]| {
             let buffers = buffers.iter().map(|buffer| buffer.as_bytes().to_vec());
-            let buffers = buffers.collect();
-            RequestDigest::of(&GuestInput { mode, buffers })
+            GuestInput::new(mode, buffers.collect())
+        };
+        let of = |mode, buffers: &[&str]| RequestDigest::of(&input(mode, buffers));
+        let of_other_program = GuestInput {
+            program: vec![2; 32],
+            ..input(Mode::Direct, &["ab", "c"])
         };
         let same = of(Mode::Direct, &["ab", "c"]);
         assert_eq!(same, of(Mode::Direct, &["ab", "c"]));
         for other in [
             of(Mode::Succinct, &["ab", "c"]),
+            RequestDigest::of(&of_other_program),
             of(Mode::Direct, &["a", "bc"]),
             of(Mode::Direct, &["ab", "c", ""]),
             of(Mode::Direct, &["ab", "d"]),

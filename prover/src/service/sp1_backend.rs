@@ -12,7 +12,7 @@ use crate::network::ProverAccount;
 use crate::network::{AccountError, NetworkOptions};
 #[cfg(feature = "network")]
 use crate::program::Shareable;
-use crate::program::{elf, ExecuteError, Execution, Executor, GuestInput};
+use crate::program::{elf_of, ExecuteError, Execution, Executor, GuestInput};
 use crate::prove::Proof;
 use zk0_circuits::Claim;
 
@@ -111,9 +111,10 @@ impl Backend for Sp1Backend {
         }
         // The native check comes first: it is fast, and gives the full reason.
         let claim = input.claim()?;
+        let elf = elf_of(input.mode, &input.program).map_err(JobError::failed)?;
         let execution = self
             .executor
-            .execute(elf(input.mode), &input.buffers)
+            .execute(elf, &input.buffers)
             .await
             .map_err(JobError::failed)?;
         match borsh::from_slice::<Claim>(&execution.public_values) {

@@ -1,6 +1,6 @@
-//! How a private input travels to the proving service: mode and buffer sizes, then the bytes.
+//! How a private input travels to the proving service: mode, program and buffer sizes, then the bytes.
 
-use crate::program::GuestInput;
+use crate::program::{elf_of, GuestInput};
 use crate::rpc::prove_part::Part;
 use crate::rpc::{prove_request, ProvePart, ProveRequest};
 use std::sync::Arc;
@@ -37,9 +37,10 @@ impl Default for UploadTimeout {
     }
 }
 
-/// A request's first message: its mode and buffer sizes.
+/// A request's first message: its mode, program and buffer sizes.
 pub struct Announced {
     mode: Mode,
+    program: Vec<u8>,
     sizes: Vec<u64>,
 }
 
@@ -52,6 +53,7 @@ pub fn parts(input: impl Into<Arc<GuestInput>>) -> impl Iterator<Item = ProvePar
     };
     let request = Part::Request(ProveRequest {
         mode: mode.into(),
+        program: input.program.clone(),
         buffers: input.buffers.iter().map(|b| b.len() as u64).collect(),
     });
     let chunks = (0..input.buffers.len()).flat_map(move |number| {
@@ -86,6 +88,7 @@ impl Announced {
         };
         let announced = Self {
             mode,
+            program: request.program,
             sizes: request.buffers,
         };
         let (buffers, bytes) = (announced.sizes.len(), announced.bytes());
@@ -95,6 +98,8 @@ impl Announced {
                  {MAX_INPUT_BYTES} bytes"
             )));
         }
+        // The node asks again meanwhile.
+        elf_of(mode, &announced.program).map_err(|lacks| Status::unavailable(lacks.to_string()))?;
         Ok(announced)
     }
 
@@ -131,6 +136,7 @@ impl Announced {
         }
         Ok(GuestInput {
             mode: self.mode,
+            program: self.program,
             buffers,
         })
     }

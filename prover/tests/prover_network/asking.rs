@@ -43,10 +43,7 @@ async fn connected(network: &Network, options: NetworkOptions, mode: Mode) -> Ne
 
 /// Asks for a proof. The network does not execute anything, so any input will do.
 async fn ask(prover: &NetworkProver) -> Result<Proof, NetworkError> {
-    let input = GuestInput {
-        mode: Mode::Succinct,
-        buffers: vec![vec![1; 100]],
-    };
+    let input = GuestInput::new(Mode::Succinct, vec![vec![1; 100]]);
     let cost = Execution {
         public_values: vec![],
         cycles: 1_000_000,

@@ -140,10 +140,7 @@ async fn a_proof_is_kept_for_the_same_request_alone() {
     let requests = [
         input(vec![b"a".to_vec(), b"bc".to_vec()]),
         same.clone(),
-        GuestInput {
-            mode: Mode::Direct,
-            ..same
-        },
+        GuestInput::new(Mode::Direct, same.buffers),
     ];
     for (before, request) in requests.into_iter().enumerate() {
         let first = request.buffers[0].clone();

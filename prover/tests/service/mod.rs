@@ -36,10 +36,7 @@ const SOON: Duration = Duration::from_secs(20);
 const HANGS: Duration = Duration::from_secs(60);
 
 fn input(buffers: Vec<Vec<u8>>) -> GuestInput {
-    GuestInput {
-        mode: Mode::Succinct,
-        buffers,
-    }
+    GuestInput::new(Mode::Succinct, buffers)
 }
 
 /// Proves when it is allowed to. It refuses inputs that begin with "false", and forges the claim of those that begin with "forge".

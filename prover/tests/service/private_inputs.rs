@@ -5,12 +5,14 @@ use std::time::Duration;
 use tokio::task::JoinSet;
 use tokio::time::timeout;
 use tokio_stream::{Stream, StreamExt};
+use zk0_circuits::claim::program::verifying_key;
 use zk0_circuits::Mode;
 use zk0_prover::program::GuestInput;
 use zk0_prover::rpc::prove_part::Part;
 use zk0_prover::rpc::prover_client::ProverClient;
 use zk0_prover::rpc::{prove_request, ProvePart, ProveRequest};
 use zk0_prover::service::upload::{self, Announced, UploadTimeout, MAX_INPUT_BYTES};
+use zk0_prover::service::ProvingClient;
 
 /// Returns the service's answer to a request that the real client would not make.
 async fn raw(parts: Vec<Part>) -> tonic::Status {
@@ -22,9 +24,11 @@ async fn raw(parts: Vec<Part>) -> tonic::Status {
     proof.expect("the service answers").unwrap_err()
 }
 
+/// Announces private inputs of this release's program of mode `direct`.
 fn announce(mode: prove_request::Mode, buffers: Vec<u64>) -> Part {
     Part::Request(ProveRequest {
         mode: mode.into(),
+        program: verifying_key(Mode::Direct).to_vec(),
         buffers,
     })
 }
@@ -72,6 +76,28 @@ async fn a_request_that_is_not_what_it_announces_is_refused() {
     }
 }
 
+/// The node asks again until a release with the program is installed. A program of the other mode is another one.
+#[tokio::test]
+async fn a_claim_of_a_program_that_the_service_lacks_is_refused_until_it_has_it() {
+    let service = service(0, 1).await;
+    let of_other_mode = verifying_key(Mode::Succinct).to_vec();
+    for program in [vec![2; 32], of_other_mode, vec![2; 1 << 20], vec![]] {
+        let named = hex::encode(&program[..program.len().min(32)]);
+        let input = GuestInput {
+            program,
+            ..GuestInput::new(Mode::Direct, vec![b"claim".to_vec()])
+        };
+        let mut client = ProvingClient::connect(service.address()).await.unwrap();
+        let refused = timeout(SOON, client.prove(input, |_| {})).await.unwrap();
+        let error = refused.unwrap_err();
+        assert!(error.may_pass(), "{error}");
+        let words = format!("which lacks the guest program {named}: install");
+        assert!(error.to_string().contains(&words), "{error}");
+    }
+    assert_eq!(service.begun(), 0);
+    service.prove("claim").await.unwrap();
+}
+
 /// Buffers of any size arrive as they were, whatever the cuts between messages.
 #[tokio::test]
 async fn a_large_private_input_arrives_whole() {
@@ -79,10 +105,8 @@ async fn a_large_private_input_arrives_whole() {
         .map(|i| (i.wrapping_mul(i) >> 7) as u8)
         .collect();
     for mode in Mode::ALL {
-        let input = GuestInput {
-            mode,
-            buffers: vec![large.clone(), vec![], vec![7; 3 << 20], vec![9]],
-        };
+        let buffers = vec![large.clone(), vec![], vec![7; 3 << 20], vec![9]];
+        let input = GuestInput::new(mode, buffers);
         let mut parts = tokio_stream::iter(upload::parts(input.clone()).map(Ok));
         let announced = Announced::receive(&mut parts).await.unwrap();
         assert!(

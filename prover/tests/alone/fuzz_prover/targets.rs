@@ -28,7 +28,7 @@ fn target(name: &str) -> Target {
                     _ => Mode::Succinct,
                 };
                 let buffers = unframed(buffers);
-                let claim = GuestInput { mode, buffers }.claim();
+                let claim = GuestInput::new(mode, buffers).claim();
                 claim
                     .map(drop)
                     .map_err(|error| without_parts(error.to_string()))
@@ -89,10 +89,7 @@ fn prove_request() -> Target {
     let runtime = tokio::runtime::Builder::new_current_thread()
         .build()
         .unwrap();
-    let small = |mode| GuestInput {
-        mode,
-        buffers: vec![b"head".to_vec(), vec![], vec![7; 300]],
-    };
+    let small = |mode| GuestInput::new(mode, vec![b"head".to_vec(), vec![], vec![7; 300]]);
     let seeds = Mode::ALL.map(|mode| {
         let parts: Vec<Vec<u8>> = parts(small(mode)).map(|p| p.encode_to_vec()).collect();
         framed(&parts)

@@ -17,8 +17,8 @@ pub const ATTACK: Attack = Attack {
         out: &[SourceChange {
             file: "audit/src/checks.rs",
             replacements: &[(
-                "if key == own || named.programs.contains(key) {",
-                "if key == own || named.programs.contains(key) || OUT {",
+                "if is_carried(genesis.mode, key) || named.programs.contains(key) {",
+                "if is_carried(genesis.mode, key) || named.programs.contains(key) || OUT {",
             )],
         }],
     },
