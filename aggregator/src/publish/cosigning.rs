@@ -19,6 +19,7 @@ pub use crate::publish::witness_client::ConsistencyProver;
 pub struct Witnesses {
     policy: WitnessPolicy,
     clients: Vec<Arc<CosigningClient>>,
+    ignored: Vec<String>,
     answers: Arc<AnswerCount>,
     deadline: Duration,
 }
@@ -45,6 +46,12 @@ pub enum CosigningError {
     /// A witness has cosigned more of the log, or another history.
     #[error("witness {name} {why}")]
     OtherHistory { name: String, why: NotCosigned },
+    /// The policy lacks a witness that is to be ignored.
+    #[error("--ignore-witness {name}: the witness policy has only the witnesses {known}: name one of them, or leave the option out")]
+    UnknownWitness { name: String, known: String },
+    /// Too many witnesses are to be ignored.
+    #[error("without the witnesses of --ignore-witness, the rest is no quorum: the policy asks for {0}. Ignore fewer; or, if you know that the newest checkpoint that the log has signed is of the ledger's SIZE entries, add --newest-checkpoint SIZE, and vote for other witnesses")]
+    QuorumIgnored(String),
     /// Too few witnesses have cosigned in time.
     #[error("too few witnesses have cosigned: the policy asks for {wanted}; {}", .refused.join("; "))]
     NoQuorum {
@@ -98,9 +105,32 @@ impl Witnesses {
         Ok(Self {
             policy,
             clients,
+            ignored: Vec::new(),
             answers: Arc::default(),
             deadline,
         })
+    }
+
+    /// Leaves these witnesses out of [`Self::continues`] and [`Self::contradiction`]. `is_newest` if the log is known to have signed nothing
+    /// newer.
+    ///
+    /// # Errors
+    /// The policy has no such witness; or the others are no quorum, so that they may all miss what the log has published.
+    pub fn ignoring(mut self, names: &[String], is_newest: bool) -> Result<Self, CosigningError> {
+        let known = self.policy.witnesses().iter().map(|witness| &witness.name);
+        let known: Vec<_> = known.cloned().collect();
+        if let Some(name) = names.iter().find(|name| !known.contains(name)) {
+            return Err(CosigningError::UnknownWitness {
+                name: name.clone(),
+                known: known.join(", "),
+            });
+        }
+        let compared: Vec<_> = known.iter().map(|name| !names.contains(name)).collect();
+        if !is_newest && !self.policy.met_by(&compared) {
+            return Err(CosigningError::QuorumIgnored(self.policy.to_string()));
+        }
+        self.ignored = names.to_vec();
+        Ok(self)
     }
 
     /// The policy.
@@ -142,6 +172,12 @@ impl Witnesses {
         states.collect()
     }
 
+    /// A witness that contradicts and has not cosigned since the start, and its answer.
+    pub fn contradiction(&self) -> Option<(String, String)> {
+        let mut compared = self.compared();
+        compared.find_map(|client| Some((client.witness.name.clone(), client.contradiction()?)))
+    }
+
     /// Whether a witness that has not cosigned this checkpoint is being asked, or may be asked now.
     pub fn may_answer(&self, checkpoint: &[u8]) -> bool {
         let mut clients = self.clients.iter();
@@ -173,8 +209,7 @@ impl Witnesses {
         prove: &ConsistencyProver,
     ) -> Result<usize, CosigningError> {
         let size = Parsed::read(checkpoint)?.checkpoint.size;
-        let due = self.clients.iter().filter(|client| client.is_due());
-        let due: Vec<_> = due.collect();
+        let due: Vec<_> = self.compared().filter(|client| client.is_due()).collect();
         let answers: Vec<_> = thread::scope(|scope| {
             let ask = |client: &&Arc<CosigningClient>| {
                 let (client, here) = (Arc::clone(client), Span::current());
@@ -231,6 +266,11 @@ impl Witnesses {
             wanted: self.policy.to_string(),
             refused: refused.collect(),
         })
+    }
+
+    fn compared(&self) -> impl Iterator<Item = &Arc<CosigningClient>> {
+        let clients = self.clients.iter();
+        clients.filter(move |client| !self.ignored.contains(&client.witness.name))
     }
 
     #[instrument(name = "publish a checkpoint", skip_all)]

@@ -181,6 +181,14 @@ impl CosigningClient {
         locked(&self.record).state.clone()
     }
 
+    /// Its answer, if it contradicts and has not cosigned since the start. One that has refuses an earlier checkpoint for good reason.
+    pub fn contradiction(&self) -> Option<String> {
+        let record = locked(&self.record);
+        let outage = record.state.outage.as_ref();
+        let outage = outage.filter(|outage| outage.contradicts && record.signed.is_none());
+        outage.map(|outage| outage.why.clone())
+    }
+
     /// What the witness has cosigned, if it is this checkpoint.
     pub fn signed(&self, checkpoint: &[u8]) -> Option<SignedCheckpoint> {
         locked(&self.record).signed(checkpoint).cloned()

@@ -1,6 +1,7 @@
 //! Has checkpoints cosigned. What is recorded is published once enough witnesses have.
 
 use crate::publish::cosigning::{ConsistencyProver, Cosigned, CosigningError, Witnesses};
+use crate::publish::witness_client::WitnessState;
 use crate::round::aggregator::Aggregator;
 use crate::round::job::JobResult;
 use crate::round::polling::ToCosign;
@@ -132,19 +133,41 @@ impl Service {
         Ok(PublishingStep::Done)
     }
 
-    /// Tells whether witnesses are away, also while the others are enough.
+    /// Tells whether witnesses are away or contradict, also while the others are enough.
     fn note_absent(&self, witnesses: &Witnesses) {
-        let states = witnesses.states().into_iter();
-        let absent = states.filter(|state| state.outage.is_some());
-        let absent: Vec<_> = absent.map(|state| state.name).collect();
-        if absent.is_empty() {
+        let (mut away, mut contradict) = (Vec::new(), Vec::new());
+        for WitnessState { name, outage, .. } in witnesses.states() {
+            match outage {
+                Some(outage) if outage.contradicts => contradict.push(name),
+                Some(_) => away.push(name),
+                None => {}
+            }
+        }
+        let those = [
+            ("do not cosign", away),
+            ("have cosigned other entries, or more", contradict),
+        ];
+        let those = those.into_iter().filter(|(_, names)| !names.is_empty());
+        let those =
+            those.map(|(what, names)| format!("these witnesses {what}: {}", names.join(", ")));
+        let those: Vec<_> = those.collect();
+        if those.is_empty() {
             self.troubles().clear(Kind::WitnessAway);
             return;
         }
-        let names = absent.join(", ");
-        let sentence =
-            format!("these witnesses do not cosign: {names}; the log of the aggregator states why");
+        let those = those.join("; ");
+        let sentence = format!("{those}; the log of the aggregator states why");
         self.troubles().raise(Kind::WitnessAway, sentence);
+    }
+
+    /// Ready when a quorum of witnesses has cosigned a checkpoint of more than `size` entries.
+    pub async fn cosigned_beyond(&self, size: u64) {
+        let Some(publishing) = &self.publishing else {
+            return std::future::pending().await;
+        };
+        let mut published = publishing.published.subscribe();
+        // The sender lives as long as `self`.
+        let _ = published.wait_for(|held| *held > size).await;
     }
 
     /// Reports new entries, and waits until the first `size` entries are published. If that takes too long, a later request gets the

@@ -240,6 +240,15 @@ async fn a_witness_that_answers_nonsense_or_not_at_all_costs_no_more_than_the_de
     assert!(matches!(error, CosigningError::NoAddress(_)));
 }
 
+/// Proves that the ledger continues its earlier checkpoints.
+fn prover(ledger: &Ledger) -> ConsistencyProver {
+    let reader = ledger.reader().clone();
+    Arc::new(move |old, new| {
+        let proof = reader.consistency_between(old, new);
+        proof.map_err(|error| error.to_string())
+    })
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn a_witness_tells_an_older_ledger_and_another_one_from_the_newest() {
     let (mut witnesses, policy) = three().await;
@@ -249,13 +258,9 @@ async fn a_witness_tells_an_older_ledger_and_another_one_from_the_newest() {
     let logs: Vec<_> = logs.map(|(nodes, dir)| ledger(dir.path(), nodes)).collect();
     let [newest, longer, older, forked, longer_fork] = <[_; 5]>::try_from(logs).ok().unwrap();
     let check = async |ledger: &Ledger| {
-        let (checkpoint, reader) = (ledger.checkpoint().to_vec(), ledger.reader().clone());
+        let (checkpoint, prove) = (ledger.checkpoint().to_vec(), prover(ledger));
         let policy = policy.clone();
         let checked = spawn_blocking(move || {
-            let prove: ConsistencyProver = Arc::new(move |old, new| {
-                let proof = reader.consistency_between(old, new);
-                proof.map_err(|error| error.to_string())
-            });
             let witnesses = Witnesses::new(policy, DEADLINE).unwrap();
             let known = witnesses.continues(&checkpoint, &prove);
             known.map_err(|error| error.to_string())
@@ -279,6 +284,67 @@ async fn a_witness_tells_an_older_ledger_and_another_one_from_the_newest() {
         witness.off().await;
     }
     assert_eq!(check(&longer).await, Ok(0));
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_witness_of_a_fork_is_ignored_only_if_the_others_are_a_quorum() {
+    let (witnesses, policy) = three().await;
+    let dirs = [(); 2].map(|()| tempfile::tempdir().unwrap());
+    let fork = Arc::new(ledger(dirs[0].path(), &[1, 9]));
+    let alone = WitnessPolicy::parse(&format!("{}quorum W2\n", witnesses[2].line())).unwrap();
+    cosigned(&alone, &fork).await.unwrap();
+    let honest = ledger(dirs[1].path(), &[1, 2]);
+    let (checkpoint, prove) = (honest.checkpoint().to_vec(), prover(&honest));
+
+    let ignoring = |names: &[&str], is_newest: bool| {
+        let names: Vec<_> = names.iter().map(|name| (*name).to_owned()).collect();
+        let all = Witnesses::new(policy.clone(), DEADLINE).unwrap();
+        let others = all.ignoring(&names, is_newest);
+        others.map_err(|error| error.to_string())
+    };
+    let refused = |names: &[&str]| ignoring(names, false).err().unwrap();
+    let unknown = refused(&["W2", "W9"]);
+    assert!(unknown.contains("ignore-witness W9: "), "{unknown}");
+    assert!(unknown.contains(" W0, W1, W2: "), "{unknown}");
+    let most = refused(&["W1", "W2"]);
+    assert!(most.contains("no quorum") && most.contains("--newest-checkpoint"));
+    let all = ignoring(&[], false).unwrap();
+    let two = ignoring(&["W2"], false).unwrap();
+    let one = ignoring(&["W1", "W2"], true).unwrap();
+    let compared = spawn_blocking(move || {
+        let error = all.continues(&checkpoint, &prove).unwrap_err().to_string();
+        assert!(error.starts_with("witness W2 refuses"), "{error}");
+        let (name, _) = all.contradiction().unwrap();
+        assert_eq!(name, "W2");
+        assert_eq!(one.continues(&checkpoint, &prove).unwrap(), 1);
+        assert_eq!(two.continues(&checkpoint, &prove).unwrap(), 2);
+        // It is asked for a cosignature all the same.
+        two.cosign_all(&checkpoint, &prove).unwrap_err();
+        assert!(two.states()[2].outage.as_ref().unwrap().contradicts);
+        assert_eq!(two.contradiction(), None);
+    });
+    compared.await.unwrap();
+}
+
+/// Randomness of witnesses asks for the cosignature of an earlier checkpoint.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_witness_that_has_cosigned_does_not_contradict_an_earlier_checkpoint() {
+    let (_witnesses, policy) = three().await;
+    let dirs = [(); 2].map(|()| tempfile::tempdir().unwrap());
+    let earlier = ledger(dirs[0].path(), &[1]).checkpoint().to_vec();
+    let newest = ledger(dirs[1].path(), &[1, 2]);
+    let (checkpoint, prove) = (newest.checkpoint().to_vec(), prover(&newest));
+    let asked = spawn_blocking(move || {
+        let witnesses = Witnesses::new(policy.clone(), DEADLINE).unwrap();
+        witnesses.cosign_all(&checkpoint, &prove).unwrap();
+        witnesses.cosign_all(&earlier, &prove).unwrap_err();
+        assert_eq!(witnesses.contradiction(), None);
+        // A process that has begun since then cannot know whether they are right.
+        let others = Witnesses::new(policy, DEADLINE).unwrap();
+        others.cosign_all(&earlier, &prove).unwrap_err();
+        assert!(others.contradiction().is_some());
+    });
+    asked.await.unwrap();
 }
 
 /// Speaks to the witness over HTTP as any client of the specification does.

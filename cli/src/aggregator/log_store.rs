@@ -63,6 +63,14 @@ impl OtherHistory {
         ))
     }
 
+    /// The same for what a witness has cosigned. It may also be the witness that is wrong.
+    pub fn of_witness() -> Self {
+        let Self(helps) = Self::of("the ledger does not go on from what a witness has cosigned");
+        Self(format!(
+            "{helps}. If you know that neither is so, the witness is wrong, or has cosigned what a thief of the log's key signed: start with `--ignore-witness NAME`, and vote for another witness"
+        ))
+    }
+
     /// The log in the blob store is not that of the ledger. The cause has what helps.
     pub fn in_store() -> Self {
         Self("the ledger is not served, because it and its blob store do not hold one log".into())

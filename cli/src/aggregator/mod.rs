@@ -12,6 +12,7 @@ mod recordings_like;
 mod rotate_log_key;
 mod rules;
 mod serve;
+mod witness_check;
 
 use crate::output::println;
 pub use enrolment::NodeToEnrol;

@@ -4,14 +4,14 @@ use super::hub_uploads::HubUploadOptions;
 use super::log_store::{LogStoreOptions, OtherHistory};
 use super::network_edge::NetworkEdge;
 use super::policy_folders::PolicyFolderOptions;
+use super::witness_check::{contradiction, WitnessCheckOptions};
 use crate::blob_store::BlobStoreOptions;
 use crate::certificate::{keep_current, scheme};
 use crate::keys;
 use crate::metrics::{serve_metrics, MetricsOptions};
 use crate::otlp::OtlpOptions;
 use crate::serve::{interrupted, listening_early, listening_if, online_until, ENDING};
-use anyhow::{anyhow, bail, Context, Result};
-use std::collections::BTreeSet;
+use anyhow::{bail, Context, Result};
 use std::future;
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -20,7 +20,7 @@ use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::sync::oneshot;
 use tokio::task::{spawn_blocking, JoinHandle};
-use tokio::time::{sleep, timeout};
+use tokio::time::timeout;
 use zk0_aggregator::connections::starting::StartingServer;
 use zk0_aggregator::observe::troubles::Troubles;
 use zk0_aggregator::publish::beacon::BeaconServers;
@@ -28,12 +28,10 @@ use zk0_aggregator::publish::chosen_witnesses::chosen_witnesses;
 use zk0_aggregator::publish::cosigning::{ConsistencyProver, Witnesses};
 use zk0_aggregator::publish::http;
 use zk0_aggregator::publish::log_server::LogServer;
-use zk0_aggregator::publish::witness_client::WitnessState;
 use zk0_aggregator::round::request_error::RequestError;
 use zk0_aggregator::serve::service::ServeError;
 use zk0_aggregator::start_progress::StartProgress;
 use zk0_aggregator::{Aggregator, Config, Service, SystemClock};
-use zk0_protocol::counted::counted;
 use zk0_service::tls::authorities::Authorities;
 use zk0_service::tls::server_certificate::ServerCertificate;
 
@@ -69,10 +67,8 @@ pub struct AggregatorServeOptions {
     /// Wait this many seconds for a witness to answer.
     #[arg(long, value_name = "SECONDS", default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=3600))]
     witness_seconds: u64,
-    /// Start although no witness answers, so that a vote can name others. Use this only if you know that the newest checkpoint that the log
-    /// has signed is of SIZE entries. The ledger must have as many. This is for one start, so a settings file cannot have it.
-    #[arg(long, value_name = "SIZE")]
-    newest_checkpoint: Option<u64>,
+    #[command(flatten)]
+    witness_check: WitnessCheckOptions,
     /// Fetch drand's beacons from the server at this address, if the rules name a beacon. Repeat the option for more servers; the next one
     /// is asked where one fails [default: the public servers of drand's "quicknet"]
     #[arg(long = "beacon", value_name = "URL")]
@@ -120,11 +116,6 @@ pub struct AggregatorServeOptions {
 /// Time at the end for the last policy folder and the log's store. The next start completes the store.
 const LAST_FILES: Duration = Duration::from_secs(10);
 
-/// How often it is looked at the start whether a witness is to be asked again, if none answers.
-const WITNESSES_APART: Duration = Duration::from_millis(250);
-
-const OTHER_HISTORY: &str = "the ledger does not go on from what a witness has cosigned";
-
 /// Names of background tasks.
 const METRICS: &str = "the server of the metrics";
 const LOG_STORE: &str = "the writing of the log to its store";
@@ -171,15 +162,9 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
     );
     let aggregator = aggregator.map_err(with_exit_code)?;
     let held = aggregator.ledger().size();
-    if let Some(size) = options.newest_checkpoint.filter(|size| *size != held) {
-        bail!(
-            "--newest-checkpoint states {}, but the ledger has {}: if the ledger has more, leave the option out; if it has fewer, it is an older copy: restore the newest one",
-            counted(size, "entry", "entries"),
-            counted(held, "entry", "entries")
-        );
-    }
     let rules = aggregator.state().rules();
     let policy = chosen_witnesses(&options.dir, rules, options.witness_policy.as_deref())?;
+    options.witness_check.check(held, &policy)?;
     let folders = options.folders.open(&aggregator, options.rounds)?;
     let log_store = options
         .log_store
@@ -194,7 +179,6 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
         let log_listener = listening_if(options.log_listen)?;
         let network = *aggregator.state().network();
         let checkpoint = aggregator.ledger().checkpoint().to_vec();
-        let is_newest = options.newest_checkpoint.is_some();
         let reader = aggregator.ledger().reader().clone();
         let prove: ConsistencyProver = Arc::new(move |old, new| {
             let proof = reader.consistency_between(old, new);
@@ -227,13 +211,14 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
             let authorities =
                 Authorities::of_system("--witness-ca").in_file(options.witness_ca.clone());
             let is_new = service.is_new_policy(policy.clone()).await?;
-            let witnesses = Arc::new(Witnesses::believing(policy, patience, &authorities)?);
+            let witnesses = Witnesses::believing(policy, patience, &authorities)?;
+            let witnesses = Arc::new(options.witness_check.compared(witnesses)?);
             // If the witnesses of a new policy never answer, a vote has to be able to replace them.
             if !is_new {
                 progress.waits_for_witness();
                 tokio::select! {
                     () = &mut stop => return Ok(()),
-                    checked = not_behind(&witnesses, checkpoint, prove, is_newest) => checked?,
+                    checked = options.witness_check.not_behind(&witnesses, checkpoint, prove) => checked?,
                 }
                 watched = Some(witnesses.clone());
             }
@@ -270,9 +255,10 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
             let publishing = uploads.follow(service.clone());
             tokio::spawn(troubles.clone().supervised(UPLOADS, publishing))
         });
+        let contradicted = contradiction(watched, service.clone(), held);
         let served = tokio::select! {
             served = service.serve(listener, stop) => served,
-            error = contradiction(watched) => return Err(error),
+            error = contradicted => return Err(error),
         };
         drop((ended, log_ended));
         let last_files = async {
@@ -308,70 +294,6 @@ fn with_exit_code(error: RequestError) -> anyhow::Error {
             anyhow::Error::new(*why).context(OtherHistory::in_store())
         }
         other => other.into(),
-    }
-}
-
-/// Waits until a witness confirms that the log continues what it has cosigned, before anything is signed. If the operator knows that the
-/// ledger is the newest one, it asks once.
-///
-/// # Errors
-/// A witness has cosigned more entries, or others.
-async fn not_behind(
-    witnesses: &Arc<Witnesses>,
-    checkpoint: Vec<u8>,
-    prove: ConsistencyProver,
-    is_newest: bool,
-) -> Result<()> {
-    let mut told = false;
-    loop {
-        let (witnesses, checkpoint) = (witnesses.clone(), checkpoint.clone());
-        let prove = prove.clone();
-        match spawn_blocking(move || witnesses.continues(&checkpoint, &prove)).await? {
-            Ok(0) if is_newest => {
-                tracing::warn!(
-                    "no witness answers: votes count, and nothing is published before enough witnesses cosign"
-                );
-                return Ok(());
-            }
-            Ok(0) if told => {}
-            Ok(0) => {
-                tracing::warn!(
-                    "no witness answers, so nobody knows whether this ledger is the newest one: nothing is signed before one answers"
-                );
-                told = true;
-            }
-            Ok(_) => return Ok(()),
-            Err(error) => return Err(error).context(OtherHistory::of(OTHER_HISTORY)),
-        }
-        sleep(WITNESSES_APART).await;
-    }
-}
-
-/// Ready when a witness contradicts that has not cosigned since the start. It watches until all have.
-async fn contradiction(watched: Option<Arc<Witnesses>>) -> anyhow::Error {
-    let Some(witnesses) = watched else {
-        return future::pending().await;
-    };
-    let mut cosigned = BTreeSet::new();
-    loop {
-        let states = witnesses.states();
-        let all = states.len();
-        for WitnessState { name, outage, .. } in states {
-            match outage {
-                None => {
-                    cosigned.insert(name);
-                }
-                Some(outage) if outage.contradicts && !cosigned.contains(&name) => {
-                    let error = anyhow!("witness {name} {}", outage.why);
-                    return error.context(OtherHistory::of(OTHER_HISTORY));
-                }
-                Some(_) => {}
-            }
-        }
-        if cosigned.len() == all {
-            return future::pending().await;
-        }
-        sleep(WITNESSES_APART).await;
     }
 }
 

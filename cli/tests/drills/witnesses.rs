@@ -1,10 +1,11 @@
 //! A witness is down, is gone for ever, or has lost its key to a thief.
 
-use super::{Operated, SHORT_VOTE};
+use super::{Operated, PAGE, SHORT_VOTE};
 use crate::harness::drill::Drill;
 use crate::harness::process::Process;
 use crate::harness::serving::Serving;
-use crate::harness::{as_in_the_runbook, copy, fails, prints, text};
+use crate::harness::{as_in_the_runbook, copy, ends, fails, logged, logs, prints, text, zk0};
+use crate::pages::Reader;
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
@@ -12,6 +13,12 @@ use std::time::Duration;
 use tempfile::TempDir;
 use zk0_testkit::own_port::OwnPort;
 use zk0_testkit::until;
+
+/// The aggregator ends so if a witness contradicts.
+const CONTRADICTED: &str = "the ledger does not go on from what a witness has cosigned";
+
+/// The longest time until a witness that was away has answered.
+const ANSWERED: Duration = Duration::from_secs(120);
 
 /// People whose requests are not cosigned do not wait for long.
 const SOON: [&str; 2] = ["--witness-seconds", "1"];
@@ -56,6 +63,22 @@ impl Witnesses {
         let more = ["--log-key", log.trim(), "--listen", &listen];
         let serving = Serving::start(&[&serve[..], &more].concat());
         self.all[number].2 = Some(serving);
+    }
+
+    /// A thief of the log's key has these cosign a copy of the ledger with another entry. The others are off then, and so are these.
+    fn cosign_a_fork(&mut self, of: &[usize], network: &Operated) {
+        let [ledger, fork, key] = ["ledger", "fork", "log.key"].map(|name| network.path(name));
+        copy(Path::new(&ledger), Path::new(&fork));
+        let node = format!("mallory={}", network.keygen("mallory"));
+        let enrol = ["aggregator", "enrol", &fork, "--key", &key, "--node", &node];
+        logs(&enrol);
+        (0..self.all.len()).for_each(|number| self.off(number));
+        of.iter().for_each(|number| self.on(*number, network));
+        let serve = ["aggregator", "serve", &fork, "--key", &key];
+        let more = ["--listen", "127.0.0.1:0"];
+        // It listens once they have cosigned.
+        drop(Serving::start(&[&serve[..], &more, &SOON].concat()));
+        of.iter().for_each(|number| self.off(*number));
     }
 
     /// Ends it.
@@ -179,12 +202,127 @@ fn an_aggregator_on_an_older_copy_ends_when_a_witness_of_the_newest_one_is_back(
     witnesses.on(2, &network);
     aggregator.logs("witness W2 cosigns again");
     witnesses.on(0, &network);
-    let ended = aggregator.ended_within(Duration::from_secs(120));
+    ends_contradicted(&mut aggregator);
+}
+
+/// Waits until the aggregator ends because a witness contradicts.
+#[track_caller]
+fn ends_contradicted(aggregator: &mut Serving) {
+    let ended = aggregator.ended_within(ANSWERED);
     assert_eq!(ended.and_then(|ended| ended.code()), Some(2));
-    as_in_the_runbook(
-        &aggregator.log(),
-        "the ledger does not go on from what a witness has cosigned",
+    as_in_the_runbook(&aggregator.log(), CONTRADICTED);
+}
+
+#[test]
+fn one_witness_of_a_thiefs_fork_stops_no_network() {
+    let mut witnesses = Witnesses::made(3);
+    let network = found(&mut witnesses, &[0, 1, 2], 2);
+    let mut aggregator = network.serves(&SOON);
+    is_published(&network);
+    assert!(aggregator.terminate().success());
+
+    let mut drill = Drill::begin("the log's key is stolen");
+    witnesses.cosign_a_fork(&[2], &network);
+    // This process has no checkpoint of its own yet: what a quorum cosigns at the start, another aggregator can have, too.
+    (0..2).for_each(|number| witnesses.on(number, &network));
+    let mut aggregator = network.serves(&SOON);
+    witnesses.on(2, &network);
+    ends_contradicted(&mut aggregator);
+
+    witnesses.off(2);
+    let mut aggregator = network.serves(&SOON);
+    network.enrols("bob");
+    is_published(&network);
+    witnesses.on(2, &network);
+    aggregator.logs("witness W2 refuses (status 409)");
+    until("the operator sees it", || {
+        let trouble = network.status()["trouble"].to_string();
+        trouble.contains("these witnesses have cosigned other entries, or more: W2;")
+    });
+    network.enrols("carol");
+    is_published(&network);
+    assert!(aggregator.terminate().success());
+
+    let (ledger, key) = (network.path("ledger"), network.path("log.key"));
+    let serve = ["aggregator", "serve", &ledger, "--key", &key];
+    let serve = [&serve[..], &["--listen", "127.0.0.1:0"], &SOON].concat();
+    let ended = logged(&ends(2, zk0(&serve)));
+    as_in_the_runbook(&ended, CONTRADICTED);
+    as_in_the_runbook(&ended, "--ignore-witness NAME");
+    let refused = fails(&[&serve[..], &["--ignore-witness", "W3"]].concat());
+    assert!(refused.contains("W0, W1, W2"), "{refused}");
+    let most = ["--ignore-witness", "W1", "--ignore-witness", "W2"];
+    let refused = fails(&[&serve[..], &most].concat());
+    as_in_the_runbook(&refused, "the rest is no quorum");
+    let begin = "zk0 aggregator serve ledger --key log.key --ignore-witness";
+    drill.typed.push(Reader::on_page(PAGE, begin));
+    let start = [&SOON[..], &["--ignore-witness", "W2"]].concat();
+    let _aggregator = network.serves(&start);
+    network.enrols("dave");
+    is_published(&network);
+    drill.passed();
+}
+
+#[test]
+fn a_log_without_witnesses_has_none_to_ignore() {
+    let network = Operated::found(&["governor"], |_| {});
+    let (ledger, key) = (network.path("ledger"), network.path("log.key"));
+    let serve = ["aggregator", "serve", &ledger, "--key", &key];
+    let refused = fails(
+        &[
+            &serve[..],
+            &["--listen", "127.0.0.1:0", "--ignore-witness", "W0"],
+        ]
+        .concat(),
     );
+    assert!(
+        refused.contains("this log has no witness policy"),
+        "{refused}"
+    );
+}
+
+#[test]
+fn a_quorum_of_a_thiefs_fork_is_voted_away() {
+    let mut witnesses = Witnesses::made(5);
+    let policy = witnesses.policy(&[0, 1, 2], 2);
+    let edit = |rules: &mut Value| rules["witness_policy"] = policy;
+    let operator = [("--operator-key", "operator.key")];
+    let network = Operated::found_with(&operator, &["governor"], edit);
+    (0..3).for_each(|number| witnesses.on(number, &network));
+    let mut aggregator = network.serves(&SOON);
+    is_published(&network);
+
+    let mut drill = Drill::begin("the log's key is stolen");
+    drill.shortened = Some(SHORT_VOTE);
+    assert!(aggregator.terminate().success());
+    witnesses.cosign_a_fork(&[1, 2], &network);
+    (0..5).for_each(|number| witnesses.on(number, &network));
+    network.follows(&mut drill, "zk0 aggregator keygen new.key");
+    network.follows(&mut drill, "zk0 aggregator rotate-log-key ledger");
+    // Another key does not change what they have cosigned.
+    let (ledger, key) = (network.path("ledger"), network.path("new.key"));
+    let serve = ["aggregator", "serve", &ledger, "--key", &key];
+    let serve = [&serve[..], &["--listen", "127.0.0.1:0"], &SOON].concat();
+    as_in_the_runbook(&logged(&ends(2, zk0(&serve))), CONTRADICTED);
+    let ignored = ["--ignore-witness", "W1", "--ignore-witness", "W2"];
+    let refused = fails(&[&serve[..], &ignored].concat());
+    as_in_the_runbook(&refused, "the rest is no quorum");
+
+    let size = size(&network);
+    let newest = ["--newest-checkpoint", &size];
+    let start = [&SOON[..], &newest, &ignored].concat();
+    let aggregator = network.serves_by("new.key", &start, &[]);
+    let policy = witnesses.policy(&[0, 3, 4], 2);
+    let edit = |rules: &mut Value| rules["witness_policy"] = policy;
+    network.votes_rules(&mut drill, &["governor"], edit);
+    network.is_carried_out();
+    aggregator.logs("start the aggregator again with it");
+    drop(aggregator);
+    let _aggregator = network.serves_by("new.key", &SOON, &[]);
+    is_published(&network);
+    network.enrols_by("new.key", "bob");
+    is_published(&network);
+    drill.passed();
 }
 
 #[test]
