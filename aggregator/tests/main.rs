@@ -3,6 +3,7 @@
 mod absent_witnesses;
 mod blob_store;
 mod connections;
+mod cosigned_checkpoint;
 mod kept_state;
 mod observed;
 mod phases;

@@ -8,22 +8,61 @@ use zk0_ledger::folder;
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::proposal::{Action, Outcome};
 use zk0_protocol::rules::apply::LEAST_AWAY_MS;
+use zk0_protocol::rules::required_witnesses::RequiredWitnesses;
+use zk0_protocol::tlog::checkpoint::{CheckpointError, Parsed};
 use zk0_protocol::WitnessPolicy;
 
 impl Aggregator {
-    /// Moves the open round's deadlines by the time that no aggregator ran: since the time in the file `alive`, or, on a new machine, since
-    /// the last entry.
+    /// Moves the open round's deadlines by the time that no aggregator ran: since the time in the file `alive`, or, on a new machine, as far
+    /// as the rules allow.
     pub fn after_start(&mut self) -> Result<(), RequestError> {
         let ran_until_ms = folder::read_alive(self.ledger.dir()).unwrap_or(0);
         self.after_outage(ran_until_ms)
     }
 
-    /// How many entries the folder's cosigned checkpoint covers: `Some(None)` if this policy does not accept it, `None` without one.
-    pub fn cosigned(&self, policy: &WitnessPolicy) -> Result<Option<Option<u64>>, RequestError> {
+    /// How many entries the folder's cosigned checkpoint covers, and whether this policy accepts it; `None` without one.
+    ///
+    /// # Errors
+    /// The file is damaged, or the ledger lacks what it covers.
+    pub fn cosigned(&self, policy: &WitnessPolicy) -> Result<Option<(u64, bool)>, RequestError> {
+        let dir = self.ledger.dir();
+        let Some(text) = folder::read_cosigned(dir)? else {
+            return Ok(None);
+        };
+        let damaged = |error: CheckpointError| {
+            let path = folder::cosigned(dir);
+            let path = path.display();
+            RequestError::Internal(format!(
+                "{path} holds no cosigned checkpoint of this log: {error}. Move the file away and start again: then nothing is signed before a witness answers that it knows this log, and nothing is published before enough have cosigned"
+            ))
+        };
+        let checkpoint = Parsed::read(&text).map_err(damaged)?.checkpoint;
         let key = self.state().genesis().verifier_key();
         let key = key.map_err(|error| RequestError::Internal(error.to_string()))?;
-        let text = folder::read_cosigned(self.ledger.dir())?;
-        Ok(text.map(|text| Some(policy.open(&text, &key).ok()?.checkpoint.size)))
+        let accepted = match policy.open(&text, &key) {
+            Ok(_) => true,
+            // The log has signed it.
+            Err(CheckpointError::NoQuorum { .. }) => false,
+            Err(error) => return Err(damaged(error)),
+        };
+        self.ledger.continues(&checkpoint)?;
+        Ok(Some((checkpoint.size, accepted)))
+    }
+
+    /// Whether a vote has put this policy into force since the folder's cosigned checkpoint: then perhaps no witness of it has seen the log.
+    pub fn is_new_policy(&self, policy: &WitnessPolicy) -> Result<bool, RequestError> {
+        let is_ruled = self.state().rules().witness_policy == policy.text();
+        match self.cosigned(policy)? {
+            Some((size, false)) if is_ruled => {
+                let mut before = RequiredWitnesses::default();
+                for index in 0..size {
+                    before.observe(&self.ledger.entry(index)?.body);
+                }
+                let before = before.policy().map_err(RequestError::Internal)?;
+                Ok(before.text() != policy.text())
+            }
+            _ => Ok(false),
+        }
     }
 
     /// Records that the first `size` entries are published. If the open round's last step waited for long, its deadlines move.

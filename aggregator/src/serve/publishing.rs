@@ -31,10 +31,9 @@ enum PublishingStep {
 }
 
 impl Service {
-    /// Whether the folder's cosigned checkpoint is of another policy, as after a vote: then perhaps no witness of this one has seen the
-    /// log.
+    /// [`Aggregator::is_new_policy`].
     pub async fn is_new_policy(&self, policy: WitnessPolicy) -> Result<bool, RequestError> {
-        self.with(move |aggregator| Ok(aggregator.cosigned(&policy)? == Some(None)))
+        self.with(move |aggregator| aggregator.is_new_policy(&policy))
             .await
     }
 

@@ -57,7 +57,6 @@ use tonic::Status;
 use tracing::Span;
 use zk0_circuits::NodeId;
 use zk0_ledger::blobs::Blobs;
-use zk0_ledger::error::LedgerError;
 use zk0_ledger::folder;
 use zk0_ledger::store::reader::LedgerReader;
 use zk0_protocol::rpc::federation::federation_server::FederationServer;
@@ -226,14 +225,12 @@ impl Service {
         let policy = witnesses.policy().clone();
         let published = self
             .with(move |aggregator| {
+                let signed = aggregator.cosigned(&policy)?;
                 folder::write_policy(aggregator.ledger().dir(), &policy)?;
-                let signed = aggregator.cosigned(&policy)?.flatten().unwrap_or(0);
-                let held = aggregator.ledger().size();
-                if signed > held {
-                    return Err(LedgerError::RolledBack { held, signed }.into());
-                }
-                aggregator.note_published(signed)?;
-                Ok(signed)
+                let signed = signed.filter(|(_, accepted)| *accepted);
+                let size = signed.map_or(0, |(size, _)| size);
+                aggregator.note_published(size)?;
+                Ok(size)
             })
             .await?;
         let status = StatusInfo {

@@ -14,6 +14,7 @@ use zk0_protocol::entries::entry::Body;
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::RefusalCode;
 use zk0_testkit::aggregator::*;
+use zk0_testkit::network::log_keys::later_key;
 use zk0_testkit::until_async;
 use zk0_verifier::blob_digest;
 
@@ -327,5 +328,30 @@ async fn a_deadline_that_passed_while_the_aggregator_was_away_moves() -> Test {
     network.clock.advance(SUBMIT_MS + 1);
     network.settle().await;
     assert!(network.round(Some(0)).await.closed.is_some());
+    Ok(())
+}
+
+/// The key was stolen, and the operator replaces it while no aggregator runs.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_deadline_moves_although_the_log_got_another_key_in_the_outage() -> Test {
+    let (mut network, first, second) = open_round().await;
+    both_committed(&network, &first, &second).await;
+    network.drawn().await;
+    network.stop().await;
+    network.clock.advance(SUBMIT_MS + 1);
+    network.rotate_log_key(later_key(1)).await;
+    let mut bodies = network
+        .entries()
+        .await
+        .into_iter()
+        .rev()
+        .map(|one| one.body);
+    let Some(Body::DeadlinesMoved(moved)) = bodies.next() else {
+        panic!("the deadline has not moved");
+    };
+    assert!(matches!(bodies.next(), Some(Body::LogKeyRotated { .. })));
+    assert!(moved.by_ms > SUBMIT_MS, "{moved:?}");
+    network.settle().await;
+    assert!(network.round(Some(0)).await.closed.is_none());
     Ok(())
 }

@@ -105,7 +105,7 @@ pub enum Body {
 pub struct DeadlinesMoved {
     /// The open round.
     pub round: u64,
-    /// By how many milliseconds: at most the time since the last entry.
+    /// By how many milliseconds: at most the time since the last entry but votes and the operator's.
     pub by_ms: u64,
 }
 

@@ -128,7 +128,7 @@ pub struct Round {
     pub moved_ms: u64,
     /// Whether an outage moved the deadline of its commitments.
     pub commitments_moved: bool,
-    /// The time of the last entry that is neither a proposal nor a vote, in Unix milliseconds.
+    /// The time of the last entry that is neither a proposal, nor a vote, nor the operator's, in Unix milliseconds.
     pub silent_since_ms: u64,
 }
 

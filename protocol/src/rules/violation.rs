@@ -199,7 +199,7 @@ pub enum RuleViolation {
     #[error("round {0} has no deadline that could move: all that it waits for is decided")]
     NoDeadline(u64),
     /// The deadlines move by more than the outage, or than all outages of a round may.
-    #[error("the deadline of round {round} cannot move by {by_ms} ms: {most_ms} ms have passed since the last entry, or are left of 30 days for all outages of a phase")]
+    #[error("the deadline of round {round} cannot move by {by_ms} ms: {most_ms} ms have passed since the last entry but votes and the operator's, or are left of 30 days for all outages of a phase")]
     MovedTooFar {
         round: u64,
         by_ms: u64,

@@ -201,9 +201,11 @@ impl Network {
         }
     }
 
-    /// Ends the aggregator, gives the log another key, and starts it again.
+    /// Ends the aggregator if it runs, gives the log another key, and starts it again.
     pub async fn rotate_log_key(&mut self, key: SigningKey) {
-        self.stop().await;
+        if self.running.is_some() {
+            self.stop().await;
+        }
         self.service = None;
         let dir = self.dir.path();
         let opened = until_async("the database is free", async || {
@@ -211,7 +213,7 @@ impl Network {
             Ledger::open_to_rotate(dir, None, key.clone(), None, blobs, &mut ()).ok()
         });
         let mut ledger = opened.await;
-        ledger.rotate_key(&log_key(), START_MS).unwrap();
+        ledger.rotate_key(&log_key(), self.clock.now_ms()).unwrap();
         drop(ledger);
         self.log_key = key;
         self.start_again().await;

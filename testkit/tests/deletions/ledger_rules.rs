@@ -204,6 +204,8 @@ pub const REMOVALS: &[Removal] = &[
         "a_deadline_moves_by_no_more_than_the_silence"),
     protocol("a vote does not end the silence", OUTAGES, never!("matches!(entry.body, Body::Proposed(_) | Body::Voted(_))"),
         "a_vote_in_an_outage_shortens_no_move"),
+    protocol("an entry of the operator does not end the silence", OUTAGES, instead!("!votes && !operates", "!votes"),
+        "what_the_operator_records_in_an_outage_changes_no_move"),
     protocol("a node's entry ends the silence", OUTAGES, skipped!("round.silent_since_ms = entry.time_ms;"),
         "a_vote_in_an_outage_shortens_no_move"),
     protocol("all outages of a round have a bound", OUTAGES, instead!("MAX_ROUND_WINDOW_MS.saturating_sub(round.moved_ms)", "u64::MAX"),

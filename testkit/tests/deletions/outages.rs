@@ -1,8 +1,9 @@
-//! Checks of an aggregator whose witnesses do not cosign.
+//! Checks of an aggregator whose witnesses do not cosign, or are others than before.
 
 use super::{aggregator, Removal};
 
 const CLIENT: &str = "aggregator/src/publish/witness_client.rs";
+const OUTAGE: &str = "aggregator/src/round/outage.rs";
 
 #[rustfmt::skip]
 pub const REMOVALS: &[Removal] = &[
@@ -19,8 +20,18 @@ pub const REMOVALS: &[Removal] = &[
         "all_witnesses_draw_the_randomness_and_one_of_them_may_be_late"),
     aggregator("a vote counts without the witnesses", "aggregator/src/serve/federation_service.rs",
         &[("if governs => true,", "if governs && !OUT => true,")], "a_policy_that_is_not_met_is_voted_away"),
-    aggregator("a round ends where a vote waits for its end", "aggregator/src/round/outage.rs",
+    aggregator("a round ends where a vote waits for its end", OUTAGE,
         instead!("self.state().due(now_ms).is_none()", "true"), "a_round_ends_where_a_vote_for_other_witnesses_waits_for_its_end"),
-    aggregator("new witnesses are asked before their vote is settled", "aggregator/src/round/outage.rs",
+    aggregator("new witnesses are asked before their vote is settled", OUTAGE,
         never!("is_new && !asked && *outcome == Outcome::Executed"), "a_policy_that_is_not_met_is_voted_away"),
+    aggregator("a policy is new if it changed since the cosigned checkpoint", OUTAGE, always!("before.text() != policy.text()"),
+        "only_a_vote_since_the_last_cosigned_checkpoint_makes_a_policy_new"),
+    aggregator("a policy of the operator is not new", OUTAGE,
+        &[("Some((size, false)) if is_ruled", "Some((size, false)) if OUT || is_ruled")],
+        "only_a_vote_since_the_last_cosigned_checkpoint_makes_a_policy_new"),
+    aggregator("a damaged cosigned checkpoint is told from another policy's", OUTAGE,
+        &[("Err(error) => return Err(damaged(error))", "Err(_) if OUT => false, Err(error) => return Err(damaged(error))")],
+        "a_damaged_cosigned_checkpoint_makes_no_policy_new"),
+    aggregator("the ledger goes on from its cosigned checkpoint", OUTAGE, skipped!("self.ledger.continues(&checkpoint)?;"),
+        "a_damaged_cosigned_checkpoint_makes_no_policy_new"),
 ];

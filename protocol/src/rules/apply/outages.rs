@@ -1,9 +1,10 @@
 //! An outage of the aggregator or of its witnesses moves the open round's deadlines. It costs time, and no node its standing.
 //!
-//! The ledger shows an outage as a silence: the deadline of the present phase moves by no more than the time since the last entry that is
-//! no proposal and no vote. So an aggregator that claims an outage takes no node's work meanwhile. Governors may vote, because other
-//! witnesses may be what ends the outage. Only an outage after the draw excuses a node that does not answer: otherwise it could choose among
-//! challenges.
+//! The ledger shows an outage as a silence: the deadline of the present phase moves by no more than the time since the last entry but votes
+//! and the operator's. So an aggregator that claims an outage takes no node's work meanwhile. Governors may vote, because other witnesses may
+//! be what ends the outage. The operator may change the log's key, enrol and suspend, because it does so while no aggregator runs. Such an
+//! entry neither lengthens nor shortens a move. Only an outage after the draw excuses a node that does not answer: otherwise it could choose
+//! among challenges.
 
 use crate::entries::entry::{Body, DeadlinesMoved, Entry};
 use crate::rules::state::{Round, State};
@@ -69,10 +70,14 @@ impl State {
         Ok(())
     }
 
-    /// Any entry but a proposal or a vote ends the open round's silence.
+    /// Any entry but a proposal, a vote, or one of the operator ends the open round's silence.
     pub(super) fn end_silence(&mut self, entry: &Entry) {
         let votes = matches!(entry.body, Body::Proposed(_) | Body::Voted(_));
-        if let Some(round) = self.round.as_mut().filter(|_| !votes) {
+        let operates = matches!(
+            entry.body,
+            Body::NodeEnrolled(_) | Body::OperatorDecided(_) | Body::LogKeyRotated { .. }
+        );
+        if let Some(round) = self.round.as_mut().filter(|_| !votes && !operates) {
             round.silent_since_ms = entry.time_ms;
         }
     }

@@ -2,9 +2,11 @@
 
 use zk0_protocol::entries::entry::DeadlinesMoved;
 use zk0_protocol::entries::proposal::{Action, Ballot};
+use zk0_protocol::entries::signed::{OperatorDecision, Signed};
 use zk0_protocol::rules::state::Node;
 use zk0_protocol::rules::upper_bounds::MAX_ROUND_WINDOW_MS;
 use zk0_protocol::{Body, RefusalCode, RuleViolation, State};
+use zk0_testkit::network::log_keys::{later_key, log_rotated_to, public};
 use zk0_testkit::network::votes::{proposed, voted};
 use zk0_testkit::network::*;
 
@@ -89,6 +91,82 @@ fn a_vote_in_an_outage_shortens_no_move() {
     chain.time_ms += 1;
     chain.apply(moved(&chain.state, 2));
     assert_eq!(commit_deadline_ms(&chain), before + 2);
+}
+
+/// A round with three nodes, in the first, second or third of its phases. Node 2 does not commit.
+fn in_phase(phase: u8) -> Chain {
+    let mut chain = Chain::in_round(3);
+    if phase > 0 {
+        chain.apply(committed(&chain.state, 0, weights(0x10)));
+        chain.apply(committed(&chain.state, 1, weights(0x11)));
+        chain.close_commitments();
+    }
+    if phase > 1 {
+        chain.apply(Body::RandomnessDrawn(drawn(&chain.state)));
+        chain.apply(accepted(&chain.state, 0));
+    }
+    chain
+}
+
+/// What the operator may record while no aggregator runs.
+fn of_the_operator(state: &State) -> [Body; 3] {
+    let decision = OperatorDecision {
+        network: *state.network(),
+        operator: public(&log_key()),
+        node: id(2),
+        suspended: true,
+        number: state.next_decision(),
+    };
+    [
+        log_rotated_to(state, &later_key(1)),
+        enrolled(9),
+        Body::OperatorDecided(Signed::new(decision, &log_key())),
+    ]
+}
+
+/// By how much the deadline could move in the next entry.
+fn longest_move_ms(chain: &mut Chain) -> u64 {
+    let too_far = moved(&chain.state, u64::MAX);
+    match chain.refusal(too_far) {
+        RuleViolation::MovedTooFar { most_ms, .. } => most_ms,
+        other => panic!("{other}"),
+    }
+}
+
+/// A stolen key of the log is replaced while the aggregator is stopped. That costs no node its time, and gives nobody more of it.
+#[test]
+fn what_the_operator_records_in_an_outage_changes_no_move() {
+    for (phase, recorded) in (0..3).flat_map(|phase| (0..3).map(move |recorded| (phase, recorded)))
+    {
+        let mut chain = in_phase(phase);
+        let begun = chain.time_ms;
+        chain.time_ms += HOUR;
+        let body = of_the_operator(&chain.state)[recorded].clone();
+        chain.apply(body);
+        let longest_ms = longest_move_ms(&mut chain);
+        assert_eq!(longest_ms, chain.time_ms - begun, "{phase} {recorded}");
+        chain.apply(moved(&chain.state, longest_ms));
+        match phase {
+            0 => chain.apply(committed(&chain.state, 0, weights(0x10))),
+            1 => chain.apply(Body::RandomnessDrawn(drawn(&chain.state))),
+            _ => {
+                let mut silent = chain.clone();
+                silent.time_ms = submit_deadline_ms(&silent);
+                let closed = closed(&silent.state, weights(0x50));
+                silent.apply(Body::RoundClosed(closed));
+                let rule = genesis().rules.unanswered;
+                let record = &silent.state.node(&id(1)).unwrap().record;
+                assert_eq!(record.failures(&rule), 0);
+                chain.apply(accepted(&chain.state, 1));
+                continue;
+            }
+        }
+        // Who takes a node's work is not away, whatever the operator records.
+        let worked = chain.time_ms;
+        chain.time_ms += HOUR;
+        chain.apply(enrolled(10));
+        assert_eq!(longest_move_ms(&mut chain), chain.time_ms - worked);
+    }
 }
 
 #[test]
