@@ -208,6 +208,51 @@ fn a_mirror_follows_another_key_and_refuses_the_former_one() {
     );
 }
 
+/// Entries are kept in groups of 256. So a thief could have some kept before the last one shows that the key is a former one.
+#[test]
+fn no_entry_of_a_thief_of_the_former_key_is_kept() {
+    let scratch = tempfile::tempdir().unwrap();
+    let at = |name: &str| scratch.path().join(name);
+    let (honest, of_thief) = (at("honest"), at("thief"));
+    let published = |dir: &Path, out: &Path| {
+        export(&Publication::open(dir, None).unwrap(), out).unwrap();
+    };
+    let shown = |out: &Path, copy: &Path| mirror(&FolderSource::at(out), copy, None, None);
+    founded(&honest);
+    let exported = at("export");
+    published(&honest, &exported);
+    shown(&exported, &at("before the rotation")).unwrap();
+    drop(rotates(&honest, later_key(1)));
+    published(&honest, &exported);
+    shown(&exported, &at("after the rotation")).unwrap();
+    founded(&of_thief);
+    let mut ledger = rotates(&of_thief, later_key(1));
+    grow(&mut ledger, 1..255);
+    let forged = by_thief(&ledger);
+    drop(ledger);
+    let exported_by_thief = at("export of the thief");
+    published(&of_thief, &exported_by_thief);
+    fs::write(exported_by_thief.join("checkpoint"), forged).unwrap();
+    let mut ledger = Ledger::open(&honest, None, later_key(1)).unwrap();
+    grow(&mut ledger, 0..2);
+    drop(ledger);
+    published(&honest, &exported);
+    for copy in ["before the rotation", "after the rotation", "new"].map(at) {
+        let refused = shown(&exported_by_thief, &copy).unwrap_err();
+        assert!(
+            matches!(refused, MirrorError::FormerKey { size: 256 }),
+            "{refused}"
+        );
+        assert_eq!(shown(&exported, &copy).unwrap().entries, 4);
+        // What contradicts the copy is no fork of the log either.
+        let refused = shown(&exported_by_thief, &copy).unwrap_err();
+        assert!(
+            matches!(refused, MirrorError::FormerKey { size: 256 }),
+            "{refused}"
+        );
+    }
+}
+
 /// The operator's statement about the first of the log's two later keys, which is a former one.
 fn given(ledger: &mut Ledger) -> Signed<LogKeyRotation> {
     ledger.rotate_key(&log_key(), T0 + 2).unwrap();

@@ -164,10 +164,14 @@ fn with_strategy(
     moments: Option<ServerMoments>,
 ) -> State {
     let mut bytes = borsh::to_vec(state).unwrap();
-    // The last fields state what the round before started from, and the moments. Before the first round there is neither.
+    // The last fields state what the round before started from, the moments, and the log's keys. Before the first round there is neither of the first two.
+    let keys = borsh::to_vec(state.log_keys()).unwrap();
+    assert!(bytes.ends_with(&keys));
+    bytes.truncate(bytes.len() - keys.len());
     assert_eq!((state.moments(), bytes.pop()), (None, Some(0)));
     assert_eq!((state.earlier_base(), bytes.pop()), (None, Some(0)));
     bytes.extend(borsh::to_vec(&(earlier, moments)).unwrap());
+    bytes.extend(keys);
     let rules = state.rules();
     let (before, mut after) = (borsh::to_vec(rules).unwrap(), rules.clone());
     after.strategy = strategy;
