@@ -217,3 +217,21 @@ fn a_start_from_the_kept_state_holds_back_what_is_private() {
     assert!(refused.to_string().contains("private"), "{refused}");
     assert!(aggregator.blob(&blob_digest(&update(0))).is_ok());
 }
+
+/// Otherwise a node could take anything away from the others, also the weights that they start from, by a commitment to it.
+#[test]
+fn what_is_public_stays_so_if_the_open_round_names_it_again() {
+    let dir = tempfile::tempdir().unwrap();
+    let kept = kept(dir.path());
+    let (mut operator, node) = (operator(dir.path()), SigningNode::new(1));
+    operator.open();
+    operator.commit(&node, &update(0));
+    drop(operator);
+    let public = blob_digest(&update(0));
+    let went_on = opened(dir.path());
+    assert_eq!(went_on.kept_entries(), kept);
+    assert!(went_on.blob(&public).is_ok());
+    drop(went_on);
+    forget(dir.path());
+    assert!(opened(dir.path()).blob(&public).is_ok());
+}

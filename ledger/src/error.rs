@@ -6,7 +6,7 @@ use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 use tlog_tiles::tlog::Error as TreeError;
-use zk0_circuits::Digest;
+use zk0_circuits::{Digest, NodeId};
 use zk0_protocol::entries::codec::EntryError;
 use zk0_protocol::rules::violation::RuleViolation;
 use zk0_protocol::tlog::checkpoint::CheckpointError;
@@ -76,6 +76,16 @@ pub enum LedgerError {
     /// The statement about pruned blobs does not count.
     #[error("{from} does not hold a statement about pruned blobs that counts: {why}. Put it back from an export or a mirror, or remove it and prune again")]
     BadPruning { from: String, why: String },
+    /// A key that the log has no more has signed the statement about pruned blobs, or one that it never had.
+    #[error("{from}: {signer} has signed what was pruned, and the log's present key is {present}, so it does not count. If a change of the key was interrupted, run `zk0 aggregator rotate-log-key` with the same keys again. Otherwise put the file back from an export or a mirror, or remove it and prune again. Nothing was signed or deleted")]
+    FormerPruning {
+        from: String,
+        signer: NodeId,
+        present: NodeId,
+    },
+    /// The store holds something else in place of the statement about pruned blobs.
+    #[error("the object `pruned` in the blob store {address} is no statement of this log about pruned blobs: {why}. Put the right one back. If there is none, remove the object: the next start puts the folder's there, if that has one. Nothing was signed or deleted")]
+    StoredPruning { address: String, why: String },
     /// The operator's statement covers blobs that only later entries named.
     #[error("ROLLED BACK: the log's operator has signed a statement about pruned blobs and {signed} entries, but there are {held}")]
     PrunedMore { signed: u64, held: u64 },
@@ -186,11 +196,14 @@ impl fmt::Display for DatabaseError {
 impl std::error::Error for DatabaseError {}
 
 impl LedgerError {
-    /// Whether the entries in the store are not this ledger's. A start again cannot help.
+    /// Whether the entries in the store, or what was pruned of them, are not this ledger's. A start again cannot help.
     pub fn is_of_stored_entries(&self) -> bool {
         matches!(
             self,
-            Self::OtherEntries { .. } | Self::MissingEntries { .. } | Self::BadEntries { .. }
+            Self::OtherEntries { .. }
+                | Self::MissingEntries { .. }
+                | Self::BadEntries { .. }
+                | Self::StoredPruning { .. }
         )
     }
 

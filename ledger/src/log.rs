@@ -12,6 +12,10 @@
 //! | `policy` | the witness policy ([`zk0_protocol::tlog::witness_policy`]) |
 //! | `cosigned` | with a policy, the newest checkpoint with its quorum of cosignatures: the published one |
 //! | `state`, `public/` | what an aggregator keeps for its next start ([`crate::replay::KeptState`]); it may be deleted |
+//!
+//! - `key_rotation`: the log gets another key.
+
+mod key_rotation;
 
 use crate::blobs::error::{BlobError, StoreError};
 use crate::blobs::Blobs;
@@ -19,7 +23,7 @@ use crate::clock::ClockWatch;
 use crate::error::{io_error, LedgerError};
 use crate::folder;
 use crate::group::{check_key, group, TrialState, WantedEntry};
-use crate::pruned::{self, SignedPruning};
+use crate::pruned;
 use crate::replay::kept::{self, KeptState};
 use crate::replay::{continuing, HistoryFold};
 use crate::store::reader::LedgerReader;
@@ -41,7 +45,6 @@ use zk0_protocol::entries::signed::{SignableStatement, Signed};
 use zk0_protocol::rules::state::State;
 use zk0_protocol::rules::violation::RuleViolation;
 use zk0_protocol::tlog::checkpoint::Checkpoint;
-use zk0_protocol::tlog::key_rotation::{LogKeyRotation, LogKeyTakeover};
 use zk0_protocol::tlog::receipt::Receipt;
 use zk0_protocol::tlog::tree::Frontier;
 
@@ -150,8 +153,7 @@ impl Ledger {
         let ledger = Self::open_to_rotate(dir, network, key, Some(&log_key), blobs, fold)?;
         let (genesis, keys) = (ledger.state.genesis(), ledger.state.log_keys());
         check_key(genesis, keys, &log_key)?;
-        // The change of the key was interrupted.
-        ledger.sign_pruning_again()?;
+        pruned::check_present(&ledger.dir, &ledger.blobs, (genesis, keys))?;
         Ok(ledger)
     }
 
@@ -238,49 +240,6 @@ impl Ledger {
             poisoned: false,
             fenced: None,
         })
-    }
-
-    /// Gives the log the key that it was opened with ([`Ledger::open_to_rotate`]). `operator` is the key that founded the network. From this
-    /// entry on, the new key signs.
-    pub fn rotate_key(
-        &mut self,
-        operator: &SigningKey,
-        time_ms: u64,
-    ) -> Result<Receipt, LedgerError> {
-        let genesis = self.state.genesis();
-        if genesis.log_key != operator.verifying_key().to_bytes() {
-            return Err(LedgerError::NotOperatorsKey(*self.state.network()));
-        }
-        let rotation = LogKeyRotation {
-            network: *self.state.network(),
-            log: genesis.origin().into(),
-            operator: NodeId(genesis.log_key),
-            with: NodeId(self.key.verifying_key().to_bytes()),
-            entry: self.size(),
-        };
-        let takeover = LogKeyTakeover {
-            rotation: rotation.clone(),
-        };
-        let body = Body::LogKeyRotated {
-            rotation: Signed::new(rotation, operator),
-            takeover: self.sign(takeover),
-        };
-        let receipt = self.append(time_ms, body)?;
-        self.sign_pruning_again()?;
-        Ok(receipt)
-    }
-
-    /// Signs the folder's statement about pruned blobs with the log's present key, unless that has signed it: a former one may be stolen.
-    fn sign_pruning_again(&self) -> Result<(), LedgerError> {
-        let known @ (genesis, keys) = (self.state.genesis(), self.state.log_keys());
-        match pruned::read_signed(&self.dir, genesis)? {
-            Some(former) if !former.is_by_present(keys) => {
-                let statement = self.sign(former.by_present(keys));
-                let signed = SignedPruning::new(&statement, keys.rotation());
-                pruned::publish(&self.dir, &self.blobs, known, &signed)
-            }
-            _ => Ok(()),
-        }
     }
 
     /// Appends an entry if the rules allow it. It is then on disk with its checkpoint, and the receipt may be handed out. Its time is

@@ -339,7 +339,8 @@ impl PrunableLedger {
             proofs_before: if keep.without_proofs { first_kept } else { 0 },
             weights_before: if keep.without_weights { first_kept } else { 0 },
         };
-        let before = pruned::read(&self.dir, self.state.genesis())?;
+        let known = (self.state.genesis(), self.state.log_keys());
+        let before = pruned::read_present(&self.dir, known)?;
         let wanted = before.as_ref().map_or(new, |before| new.and(before));
         Ok(Some(wanted).filter(|wanted| before.as_ref() != Some(wanted)))
     }

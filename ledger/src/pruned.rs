@@ -48,6 +48,18 @@ impl SignedPruning {
         self.statement.operator.0 == *keys.present()
     }
 
+    /// Refuses it if it is not, whatever it states. It is in this file or object.
+    fn check_present(&self, from: String, keys: &LogKeys) -> Result<(), LedgerError> {
+        if self.is_by_present(keys) {
+            return Ok(());
+        }
+        Err(LedgerError::FormerPruning {
+            from,
+            signer: self.statement.operator,
+            present: NodeId(*keys.present()),
+        })
+    }
+
     /// The same statement, to be signed with the present one of these keys.
     pub fn by_present(&self, keys: &LogKeys) -> Pruning {
         Pruning {
@@ -86,6 +98,53 @@ pub fn read(dir: &Path, genesis: &Genesis) -> Result<Option<Pruning>, LedgerErro
     Ok(read_signed(dir, genesis)?.map(|signed| signed.statement))
 }
 
+/// [`read`], for a writer of the log, which signs what follows from it.
+///
+/// # Errors
+/// The log's present key has not signed it.
+pub(crate) fn read_present(
+    dir: &Path,
+    (genesis, keys): (&Genesis, &LogKeys),
+) -> Result<Option<Pruning>, LedgerError> {
+    let signed = read_signed(dir, genesis)?;
+    if let Some(signed) = &signed {
+        signed.check_present(file(dir), keys)?;
+    }
+    Ok(signed.map(|signed| signed.statement))
+}
+
+/// Refuses the folder's statement, or the store's where the folder has none, unless the log's present key has signed it.
+pub(crate) fn check_present(
+    dir: &Path,
+    blobs: &Blobs,
+    (genesis, keys): (&Genesis, &LogKeys),
+) -> Result<(), LedgerError> {
+    match find(dir, blobs, genesis)? {
+        Some((from, signed)) => signed.check_present(from, keys),
+        None => Ok(()),
+    }
+}
+
+/// The folder's statement, or the store's where the folder has none, with the file or object.
+pub(crate) fn find(
+    dir: &Path,
+    blobs: &Blobs,
+    genesis: &Genesis,
+) -> Result<Option<(String, SignedPruning)>, LedgerError> {
+    if let Some(signed) = read_signed(dir, genesis)? {
+        return Ok(Some((file(dir), signed)));
+    }
+    let Some(store) = blobs.entry_store() else {
+        return Ok(None);
+    };
+    let from = format!("{}/pruned", store.place());
+    Ok(stored(store, genesis)?.map(|signed| (from, signed)))
+}
+
+fn file(dir: &Path) -> String {
+    folder::pruned(dir).display().to_string()
+}
+
 /// [`read_signed`] of a log of `entries` entries, which the statement must not exceed.
 pub(crate) fn read_within(
     dir: &Path,
@@ -107,9 +166,8 @@ pub(crate) fn read_signed(
     genesis: &Genesis,
 ) -> Result<Option<SignedPruning>, LedgerError> {
     let bytes = folder::read_pruned(dir)?;
-    let from = folder::pruned(dir).display().to_string();
     bytes
-        .map(|bytes| decode(&from, &bytes, genesis))
+        .map(|bytes| decode(&file(dir), &bytes, genesis))
         .transpose()
 }
 
@@ -119,27 +177,29 @@ pub(crate) fn decode(
     bytes: &[u8],
     genesis: &Genesis,
 ) -> Result<SignedPruning, LedgerError> {
-    let bad = |why: String| LedgerError::BadPruning {
+    parse(bytes, genesis).map_err(|why| LedgerError::BadPruning {
         from: from.into(),
         why,
-    };
+    })
+}
+
+fn parse(bytes: &[u8], genesis: &Genesis) -> Result<SignedPruning, String> {
     let mut rest = bytes;
-    let signed = Signed::<Pruning>::deserialize(&mut rest);
-    let signed = signed.map_err(|error| bad(error.to_string()))?;
-    let statement = signed.verify().map_err(|error| bad(error.to_string()))?;
+    let signed = Signed::<Pruning>::deserialize(&mut rest).map_err(|error| error.to_string())?;
+    let statement = signed.verify().map_err(|error| error.to_string())?;
     let (key, since) = if rest.is_empty() {
         (genesis.log_key, 0)
     } else {
-        given_key(rest, genesis).map_err(bad)?
+        given_key(rest, genesis)?
     };
     if statement.operator.0 != key {
-        return Err(bad(format!(
+        return Err(format!(
             "{} has signed it, and not the log's key",
             statement.operator
-        )));
+        ));
     }
     if statement.network != genesis.network_id() {
-        return Err(bad(format!("it is about network {}", statement.network)));
+        return Err(format!("it is about network {}", statement.network));
     }
     Ok(SignedPruning {
         statement: *statement,
@@ -165,16 +225,19 @@ pub(crate) fn write(dir: &Path, bytes: &[u8]) -> Result<(), LedgerError> {
     folder::write_pruned(dir, bytes)
 }
 
-/// Writes another copy's statement, unless this copy has a later one.
+/// Writes another copy's statement, unless this copy has one of a later key, or a later one of the same key.
 pub(crate) fn keep_newer(
     dir: &Path,
     genesis: &Genesis,
     signed: &SignedPruning,
 ) -> Result<(), LedgerError> {
-    let (offered, held) = (&signed.statement, read(dir, genesis)?);
-    // Each statement of an operator includes the earlier ones.
-    match held {
-        Some(held) if offered.and(&held) != *offered => Ok(()),
+    let offered = &signed.statement;
+    match read_signed(dir, genesis)? {
+        Some(held) if held.since > signed.since => Ok(()),
+        // Each statement of a key includes its earlier ones. A former key's may state anything.
+        Some(SignedPruning {
+            statement: held, ..
+        }) if held.operator == offered.operator && offered.and(&held) != *offered => Ok(()),
         _ => write(dir, &signed.bytes),
     }
 }
@@ -195,7 +258,7 @@ pub(crate) fn publish(
     write(dir, &signed.bytes)
 }
 
-/// Gives the folder and the store the later of their statements. What a former key has signed stays where it is, and does not count.
+/// Gives the folder and the store the later of the statements that the log's present key has signed, if any.
 pub(crate) fn reconcile(
     dir: &Path,
     known: (&Genesis, &LogKeys),
@@ -235,8 +298,9 @@ fn put(
 
 fn stored(store: &dyn EntryStore, genesis: &Genesis) -> Result<Option<SignedPruning>, LedgerError> {
     let bytes = store.pruned().map_err(BlobError::from)?;
-    let from = format!("{}/pruned", store.place());
-    bytes
-        .map(|bytes| decode(&from, &bytes, genesis))
-        .transpose()
+    let signed = bytes.map(|bytes| parse(&bytes, genesis)).transpose();
+    signed.map_err(|why| LedgerError::StoredPruning {
+        address: store.place().into(),
+        why,
+    })
 }

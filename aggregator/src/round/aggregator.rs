@@ -304,6 +304,7 @@ impl Aggregator {
 
     /// Where a blob may be read, if it may be read.
     pub fn blob(&self, digest: &Digest) -> Result<Blobs, RequestError> {
+        // What is public stays so if the open round names it again. Otherwise a commitment to the weights would take them from all.
         let access = match &self.older_public {
             Some(older) if older.contains(digest)? => BlobAccess::Public,
             _ => self.index.disclosed.access(digest),

@@ -10,6 +10,7 @@ use zk0_audit::log_source::source;
 use zk0_audit::run::Audit;
 use zk0_audit::trusted_programs::TrustedPrograms;
 use zk0_ledger::backup::backup;
+use zk0_ledger::prune::PruneError;
 use zk0_ledger::published::export::export;
 use zk0_ledger::published::mirror::MirrorError;
 use zk0_ledger::published::publication::Publication;
@@ -127,6 +128,37 @@ fn a_later_key_of_the_log_signs_what_was_pruned() {
     let words = "has not signed the statement about its key";
     let found = faults.iter().any(|fault| fault.contains(words));
     assert!(found, "{faults:?}");
+}
+
+/// A thief of it would have the present key sign that nothing is kept.
+#[test]
+fn what_a_former_key_has_signed_is_in_no_later_statement() {
+    let (dir, now_ms) = four_rounds();
+    let dir = dir.path();
+    let opened = Ledger::open_to_rotate(dir, None, later_key(1), None, Blobs::at(dir), &mut ());
+    let mut ledger = opened.unwrap();
+    ledger.rotate_key(&log_key(), now_ms).unwrap();
+    let by_former = Pruning {
+        network: *ledger.state().network(),
+        operator: public(&log_key()),
+        entries: ledger.size(),
+        updates_before: u64::MAX,
+        proofs_before: u64::MAX,
+        weights_before: u64::MAX,
+    };
+    write(dir, by_former, &log_key());
+    let before = ledger.blobs().all().unwrap();
+    let looked = PrunePlan::look(dir, ledger.blobs(), &TWO_ROUNDS, now_ms);
+    for refused in [PrunePlan::of(&ledger, &TWO_ROUNDS, now_ms), looked] {
+        let refused = refused.unwrap_err();
+        let former = matches!(
+            refused,
+            PruneError::Ledger(LedgerError::FormerPruning { .. })
+        );
+        assert!(former, "{refused}");
+    }
+    assert_eq!(ledger.blobs().all().unwrap(), before);
+    assert_eq!(statement(dir), by_former);
 }
 
 #[test]

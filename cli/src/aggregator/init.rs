@@ -206,7 +206,7 @@ pub fn found(options: &Init) -> Result<()> {
     );
     if let (Some(operator), Some(file)) = (operator, &options.operator_key) {
         drop(ledger);
-        ledger = give(&options.dir, &operator, key, Blobs::at(&options.dir))?;
+        (ledger, _) = give(&options.dir, &operator, key, Blobs::at(&options.dir))?;
         tracing::info!(
             "the operator's key in {} founded the network, and gave the log its key. Move the file to where the aggregator does not run: nobody else \
              can give the log another key",

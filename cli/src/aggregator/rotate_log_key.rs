@@ -8,7 +8,7 @@ use ed25519_dalek::SigningKey;
 use std::path::{Path, PathBuf};
 use zk0_aggregator::{Clock, SystemClock};
 use zk0_ledger::blobs::Blobs;
-use zk0_ledger::{Ledger, LedgerError};
+use zk0_ledger::{pruned, Ledger, LedgerError};
 use zk0_protocol::challenge::source::RandomnessSource;
 
 /// `zk0 aggregator rotate-log-key`.
@@ -32,15 +32,19 @@ pub fn rotate(options: &RotateLogKey) -> Result<()> {
     let key = keys::read(&options.key)?;
     let identity = keys::identity(&key);
     let blobs = options.store.blobs(&options.dir)?;
-    let ledger = give(&options.dir, &operator, key, blobs)?;
-    let entry = ledger.size().saturating_sub(1);
+    let (_, entry) = give(&options.dir, &operator, key, blobs)?;
     println!("entry {entry}: the log's key is {identity}");
     println!("serve with --key {}", options.key.display());
     Ok(())
 }
 
-/// Gives the log of the ledger in `dir` this key.
-pub fn give(dir: &Path, operator: &SigningKey, key: SigningKey, blobs: Blobs) -> Result<Ledger> {
+/// Gives the log of the ledger in `dir` this key, unless it has it. Returns the ledger, and the entry that gave it.
+pub fn give(
+    dir: &Path,
+    operator: &SigningKey,
+    key: SigningKey,
+    blobs: Blobs,
+) -> Result<(Ledger, u64)> {
     let opened = Ledger::open_to_rotate(dir, None, key, None, blobs, &mut ());
     let mut ledger = match opened {
         Err(LedgerError::Locked(_)) => bail!(
@@ -50,14 +54,18 @@ pub fn give(dir: &Path, operator: &SigningKey, key: SigningKey, blobs: Blobs) ->
         opened => opened?,
     };
     ledger.watch_clock(SystemClock.now_ms(), || SystemClock.steady())?;
-    ledger.rotate_key(operator, SystemClock.now_ms())?;
+    let entry = ledger.rotate_key(operator, SystemClock.now_ms())?.index;
+    if let Some(pruning) = pruned::read(dir, ledger.state().genesis())? {
+        tracing::info!("the new key has signed that {pruning}");
+    }
     let state = ledger.state();
     let undrawn = state.round().filter(|round| round.randomness.is_none());
+    let undrawn = undrawn.filter(|_| !state.has_drawing_key());
     if let (Some(round), RandomnessSource::LogVrf) = (undrawn, &state.rules().randomness) {
         tracing::warn!(
             "round {} is open, and only the log's former key could draw its randomness: it closes without one, and nobody's contribution counts",
             round.number()
         );
     }
-    Ok(ledger)
+    Ok((ledger, entry))
 }

@@ -154,6 +154,14 @@ fn a_store_that_cannot_fill_a_folder_is_named() {
     as_in_the_runbook(&kept.refuses(2, "other"), "and has entries that come later");
     assert!(!Path::new(&other).exists());
     fs::write(kept.object(0), first).unwrap();
+    let pruned = kept.store.path().join("pruned");
+    fs::write(&pruned, "something else").unwrap();
+    let reported = kept.refuses(2, "ledger");
+    as_in_the_runbook(
+        &reported,
+        "is no statement of this log about pruned blobs: ",
+    );
+    fs::remove_file(pruned).unwrap();
 
     let [key, log_key] = ["other.key", "log.key"].map(|name| kept.network.path(name));
     keys::generate(Path::new(&key)).unwrap();

@@ -1,13 +1,12 @@
 //! What a writer has verified, on disk: its next start replays only newer entries.
 //!
-//! The file `state` in the ledger's folder has the format of an audit's state ([`super::saved`]). It is as trustworthy as the folder itself:
-//! the log's key signs its content, as it signs each checkpoint, and it counts only for the writer with that key, where the database has its
-//! tree. So somebody who can write the folder, and has no key or a former one, can put no other state there. It counts only for the build
-//! that wrote it, because another may have other rules. If it does not count, the log states why, and the whole history is replayed. An audit
-//! reads all entries again.
+//! The file `state` in the ledger's folder has a line with the format, what the log's key signs, and the content, in borsh. It counts only for the writer with that key, where the database has its tree. So somebody who can write the folder, and has no key
+//! or a former one, can put no other state there: nothing of the content is read before the signature is verified, and no more than was
+//! signed. It counts only for the build that wrote it, because another may have other rules. If it does not count, the log states why, and
+//! the whole history is replayed. An audit reads all entries again.
 
 use super::chunk::Chunk;
-use super::saved::{SavedError, SavedReplay, Saving};
+use super::saved::SavedError;
 use super::verified::{HistoryFold, VerifiedHistory};
 use crate::error::LedgerError;
 use crate::folder;
@@ -16,16 +15,19 @@ use borsh::{BorshDeserialize, BorshSerialize};
 use ed25519_dalek::SigningKey;
 use sha2::{Digest as _, Sha256};
 use std::fs::File;
-use std::io::{self, Read};
+use std::io::{self, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
-use zk0_circuits::vm::digest::tagged_sha256;
 use zk0_circuits::{Digest, NodeId};
+use zk0_files::atomic_file::{self, Durability};
+use zk0_files::bounded_file;
 use zk0_protocol::entries::signed::{SignableStatement, Signed};
 use zk0_protocol::rules::state::State;
 use zk0_protocol::tlog::checkpoint::Checkpoint;
 use zk0_protocol::tlog::tree::Frontier;
 use zk0_protocol::{Body, Genesis};
+
+const FORMAT: &[u8] = b"zk0 kept state v1\n";
 
 /// A writer's verified state, for its next start.
 pub struct KeptState {
@@ -36,19 +38,21 @@ pub struct KeptState {
     key: SigningKey,
 }
 
-/// What the log's key signs. The digests are those of the program, of the tree, of [`State::digest`], and of what the fold keeps.
+/// What the log's key signs. Its size does not depend on who wrote it.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 struct StateStatement {
     log_key: NodeId,
+    network: Digest,
     build: Digest,
     size: u64,
     root: Digest,
-    state: Digest,
-    fold: Digest,
+    /// How many bytes follow, and their SHA-256.
+    bytes: u64,
+    content: Digest,
 }
 
 impl SignableStatement for StateStatement {
-    const TAG: &'static str = "zk0:kept-state:v1";
+    const TAG: &'static str = "zk0:kept-state:v2";
 
     fn signer(&self) -> NodeId {
         self.log_key
@@ -85,22 +89,23 @@ impl KeptState {
         };
         let root = self.verified.root();
         let root = root.map_err(|error| failed(io::Error::other(error)))?;
+        let content = borsh::to_vec(&(self.verified.state(), &self.fold)).map_err(failed)?;
         let statement = StateStatement {
             log_key: NodeId(self.key.verifying_key().to_bytes()),
+            network: *self.verified.state().network(),
             build: self.build,
             size: self.verified.size(),
             root,
-            state: self.verified.state().digest(),
-            fold: fold_digest(&self.fold),
+            bytes: content.len() as u64,
+            content: digest(&content),
         };
-        let signed = Signed::new(statement, &self.key);
-        let recheck = borsh::to_vec(&(signed, &self.fold)).map_err(failed)?;
-        let saving = Saving {
-            verified: &self.verified,
-            findings: &Vec::new(),
-            recheck,
-        };
-        saving.write(&self.path)
+        let signed = borsh::to_vec(&Signed::new(statement, &self.key)).map_err(failed)?;
+        let written = atomic_file::write(&self.path, Durability::OnDisk, |out| {
+            out.write_all(FORMAT)?;
+            out.write_all(&signed)?;
+            out.write_all(&content)
+        });
+        written.map_err(failed)
     }
 }
 
@@ -122,8 +127,7 @@ pub fn resumed(
     let Some(build) = fold.build() else {
         return Err(None);
     };
-    let signed = SignedState::read(&path, store, network, writer).map_err(|why| (why, None));
-    match signed.and_then(|signed| signed.history(store, &build, fold)) {
+    match history(&path, store, network, writer, &build, fold) {
         Ok(history) => {
             let size = history.size();
             tracing::info!("the first {size} entries were verified before");
@@ -153,70 +157,61 @@ pub fn check_signed(store: &Store, dir: &Path, signed: &Checkpoint) -> Result<()
     })
 }
 
-/// A kept state of the store's network, as the writer's key has signed it.
-struct SignedState {
-    saved: SavedReplay,
-    build: Digest,
-    fold: Vec<u8>,
+/// The history that the file covers. Otherwise why it does not count, and its checkpoint if the key has signed that and the database lacks it.
+fn history(
+    path: &Path,
+    store: &Store,
+    network: Option<&Digest>,
+    writer: &NodeId,
+    build: &Digest,
+    fold: &mut dyn HistoryFold,
+) -> Result<VerifiedHistory, (String, Option<Checkpoint>)> {
+    let uncounted = |why: String| (why, None::<Checkpoint>);
+    let file = File::open(path).map_err(|error| uncounted(error.to_string()))?;
+    let mut file = BufReader::new(file);
+    let statement = signed_by(writer, &mut file).map_err(uncounted)?;
+    let found = founder(store).map_err(uncounted)?.network_id();
+    if statement.network != found || network.is_some_and(|network| *network != found) {
+        let why = format!("it is of network {}", statement.network);
+        return Err(uncounted(why));
+    }
+    let (size, root) = (statement.size, statement.root);
+    let signed = Checkpoint { size, root };
+    let tree = store.known_tree(&signed);
+    let tree = tree.map_err(|error| (error.to_string(), Some(signed)))?;
+    if statement.build != *build {
+        return Err(uncounted("another build of zk0 wrote it".into()));
+    }
+    let (state, kept) = content(&statement, &mut file).map_err(uncounted)?;
+    fold.go_on(&kept, size).map_err(uncounted)?;
+    Ok(VerifiedHistory::resume(state, tree, 0))
 }
 
-impl SignedState {
-    fn read(
-        path: &Path,
-        store: &Store,
-        network: Option<&Digest>,
-        writer: &NodeId,
-    ) -> Result<Self, String> {
-        let saved = SavedReplay::read(path).map_err(|error| error.to_string())?;
-        let saved = saved.ok_or("it was just deleted")?;
-        let kept = borsh::from_slice::<(Signed<StateStatement>, Vec<u8>)>(&saved.recheck);
-        let (signed, fold) = kept.map_err(|_| "no aggregator of this release wrote it")?;
-        let found = founder(store)?.network_id();
-        if *saved.network() != found || network.is_some_and(|network| *network != found) {
-            return Err(format!("it is of network {}", saved.network()));
-        }
-        let verified = signed.verify().map(drop);
-        verified.map_err(|error| error.to_string())?;
-        let statement = signed.statement;
-        let content = StateStatement {
-            log_key: *writer,
-            build: statement.build,
-            size: saved.size,
-            root: saved.root,
-            state: saved.state.digest(),
-            fold: fold_digest(&fold),
-        };
-        if statement != content {
-            return Err("the log's present key has not signed what is in it".into());
-        }
-        Ok(Self {
-            saved,
-            build: statement.build,
-            fold,
-        })
+/// What `writer` has signed, at the beginning of the file. Reads no further.
+fn signed_by(writer: &NodeId, file: &mut impl Read) -> Result<StateStatement, String> {
+    let mut format = [0; FORMAT.len()];
+    let read = file.read_exact(&mut format);
+    if read.is_err() || format != *FORMAT {
+        return Err("no aggregator of this release wrote it".into());
     }
+    let signed = Signed::<StateStatement>::deserialize_reader(file);
+    let signed = signed.map_err(|error| error.to_string())?;
+    let verified = signed.verify().map(drop);
+    verified.map_err(|error| error.to_string())?;
+    if signed.statement.log_key != *writer {
+        return Err("the log's present key has not signed it".into());
+    }
+    Ok(signed.statement)
+}
 
-    /// The history that it covers. Otherwise why it does not count, and its checkpoint if the database lacks that.
-    fn history(
-        self,
-        store: &Store,
-        build: &Digest,
-        fold: &mut dyn HistoryFold,
-    ) -> Result<VerifiedHistory, (String, Option<Checkpoint>)> {
-        let (size, root) = (self.saved.size, self.saved.root);
-        let tree = store.known_tree(&Checkpoint { size, root });
-        let lacking = Some(Checkpoint { size, root });
-        let tree = tree.map_err(|error| (error.to_string(), lacking))?;
-        if self.build != *build {
-            return Err(("another build of zk0 wrote it".into(), None));
-        }
-        let went_on = fold.go_on(&self.fold, size);
-        went_on.map_err(|why| (why, None))?;
-        let SavedReplay {
-            state, checkpoints, ..
-        } = self.saved;
-        Ok(VerifiedHistory::resume(state, tree, checkpoints))
+/// The state that was signed, and what the fold keeps: the rest of the file. Reads no more than was signed.
+fn content(statement: &StateStatement, file: &mut impl Read) -> Result<(State, Vec<u8>), String> {
+    let bytes = bounded_file::read_from(file, statement.bytes);
+    let bytes = bytes.map_err(|error| error.to_string())?;
+    if digest(&bytes) != statement.content {
+        return Err("the log's key has not signed what is in it".into());
     }
+    borsh::from_slice(&bytes).map_err(|error| error.to_string())
 }
 
 /// The genesis in the first entry.
@@ -228,8 +223,8 @@ fn founder(store: &Store) -> Result<Genesis, String> {
     }
 }
 
-fn fold_digest(fold: &[u8]) -> Digest {
-    tagged_sha256("zk0/kept-fold/v1", &[fold])
+fn digest(content: &[u8]) -> Digest {
+    Digest(Sha256::digest(content).into())
 }
 
 /// SHA-256 of the running program; `None` if its file cannot be read.

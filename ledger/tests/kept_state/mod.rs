@@ -6,8 +6,11 @@ use crate::network::rounds::{copy, ledger_with_a_round};
 use crate::network::*;
 use rocksdb::DB;
 use sha2::{Digest as _, Sha256};
-use std::fs;
+use std::fs::{self, File};
+use std::io::Write;
 use std::path::Path;
+use std::process::Command;
+use std::thread;
 use zk0_circuits::Digest;
 use zk0_ledger::replay::{replay, HistoryFold, Verdict};
 use zk0_ledger::{folder, Blobs, Ledger, LedgerError};
@@ -17,6 +20,13 @@ const BUILD: Digest = Digest([1; 32]);
 
 /// What the fold keeps.
 const KEPT: &[u8] = b"what is kept of the fold";
+
+/// What the log's key signs, with the signature, has this size, and the length of the rest is there, before its SHA-256.
+const SIGNED: usize = 240;
+const LENGTH: usize = 136;
+
+/// How many zeros there are for whoever reads without a limit.
+const PIPED: usize = 1 << 25;
 
 /// Notes what it is shown.
 #[derive(Debug, PartialEq)]
@@ -77,6 +87,11 @@ fn replays(dir: &Path, build: Option<Digest>) -> Ledger {
     assert_eq!(fold.kept, None);
     assert_eq!(fold.seen, (1..ledger.size()).collect::<Vec<_>>());
     ledger
+}
+
+/// Where in a kept state the part begins that is signed.
+fn begin(state: &[u8]) -> usize {
+    state.iter().position(|byte| *byte == b'\n').unwrap() + 1
 }
 
 /// A ledger with a kept state, which covers all its entries.
@@ -224,35 +239,82 @@ fn a_kept_state_that_the_logs_key_has_not_signed_does_not_count() {
     drop(kept(dir.path()));
     let path = folder::state(dir.path());
     let written = fs::read(&path).unwrap();
-    let line = written.iter().position(|byte| *byte == b'\n').unwrap() + 1;
+    let signed = begin(&written);
+    let content = signed + SIGNED;
+    let is_refused = |file: &[u8]| {
+        fs::write(&path, file).unwrap();
+        drop(replays(dir.path(), Some(BUILD)));
+    };
+    let changed = |at: usize| {
+        let mut changed = written.clone();
+        changed[at] ^= 1;
+        changed
+    };
     let place = |what: &[u8]| {
-        let mut places = written[line + 32..].windows(what.len());
-        places.rposition(|part| part == what).unwrap()
+        let mut places = written[content..].windows(what.len());
+        content + places.rposition(|part| part == what).unwrap()
     };
-    let change = |at: usize| {
-        let mut rest = written[line + 32..].to_vec();
-        rest[at] ^= 1;
-        let digest = Sha256::digest(&rest);
-        let changed = [&written[..line], &digest[..], &rest[..]].concat();
-        fs::write(&path, changed).unwrap();
-        drop(replays(dir.path(), Some(BUILD)));
-    };
-    // A governor's name, what the fold keeps, and the signature. Each file has its SHA-256.
-    change(place(b"governor 2"));
-    change(place(KEPT));
-    change(place(KEPT) - 5);
-    // A damaged file has another SHA-256.
-    let last = written.len() - 1;
-    for at in [0, line, line + 32, last] {
-        let mut damaged = written.clone();
-        damaged[at] ^= 1;
-        fs::write(&path, damaged).unwrap();
-        drop(replays(dir.path(), Some(BUILD)));
+    // A governor's name, and what the fold keeps. Each as it is, and with its SHA-256.
+    for at in [place(b"governor 2"), place(KEPT)] {
+        let mut changed = changed(at);
+        is_refused(&changed);
+        let digest = Sha256::digest(&changed[content..]);
+        changed[signed + LENGTH + 8..][..32].copy_from_slice(&digest);
+        is_refused(&changed);
     }
-    fs::write(&path, &written[..last]).unwrap();
-    drop(replays(dir.path(), Some(BUILD)));
+    // The format, and each part of what is signed: at last the signature.
+    for at in [0, signed, signed + 32, signed + 64, signed + 96] {
+        is_refused(&changed(at));
+    }
+    for part in [104, LENGTH, LENGTH + 8, LENGTH + 40] {
+        is_refused(&changed(signed + part));
+    }
+    let last = written.len() - 1;
+    for length in [0, 5, signed + 9, content, last] {
+        is_refused(&written[..length]);
+    }
+    is_refused(&[&written[..], b"more"].concat());
     fs::write(&path, &written).unwrap();
     drop(goes_on(dir.path(), ledger_size(dir.path())));
+}
+
+/// Starts with a kept state from a pipe, which does not count: these bytes, and then zeros. Returns how many bytes were taken.
+#[track_caller]
+fn taken(dir: &Path, begin: &[u8]) -> usize {
+    let path = folder::state(dir);
+    fs::remove_file(&path).unwrap();
+    let made = Command::new("mkfifo").arg(&path).status().unwrap();
+    assert!(made.success());
+    thread::scope(|scope| {
+        let writing = scope.spawn(|| {
+            let mut pipe = File::options().write(true).open(&path).unwrap();
+            let mut bytes = begin.to_vec();
+            bytes.resize(begin.len() + PIPED, 0);
+            // Ends when nobody reads any more.
+            let parts = bytes.chunks(4096);
+            let taken = parts.take_while(|part| pipe.write_all(part).is_ok());
+            taken.map(<[u8]>::len).sum::<usize>()
+        });
+        drop(replays(dir, Some(BUILD)));
+        writing.join().unwrap()
+    })
+}
+
+/// Somebody could put a large file there.
+#[test]
+fn no_more_of_a_kept_state_is_read_than_the_key_has_signed() {
+    let dir = tempfile::tempdir().unwrap();
+    drop(kept(dir.path()));
+    let written = fs::read(folder::state(dir.path())).unwrap();
+    let signed = begin(&written);
+    // A pipe and a reader's buffer hold less.
+    let little = written.len() + (1 << 20);
+    let mut forged = written[..signed + SIGNED].to_vec();
+    forged[signed + LENGTH..][..8].copy_from_slice(&(PIPED as u64).to_le_bytes());
+    for begin in [&forged, &written] {
+        let taken = taken(dir.path(), begin);
+        assert!(taken < little, "{taken}");
+    }
 }
 
 fn ledger_size(dir: &Path) -> u64 {

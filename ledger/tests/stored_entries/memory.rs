@@ -24,6 +24,8 @@ pub struct Memory(Arc<Mutex<Kept>>);
 pub struct Kept {
     pub groups: BTreeMap<u64, Vec<u8>>,
     pub pruned: Option<Vec<u8>>,
+    /// Whether requests to store that fail.
+    pub pruned_fails: bool,
     /// So many requests to store a group fail.
     pub failures: usize,
     /// After which the group is there nevertheless.
@@ -118,11 +120,7 @@ impl EntryStore for Memory {
                 if kept.late {
                     kept.groups.insert(first, group.to_vec());
                 }
-                return Err(StoreError {
-                    address: "memory".into(),
-                    what: "storing".into(),
-                    why: "away".into(),
-                });
+                return Err(away());
             }
             if kept.overwrites {
                 kept.groups.insert(first, group.to_vec());
@@ -143,11 +141,24 @@ impl EntryStore for Memory {
     }
 
     fn put_pruned(&self, statement: &[u8]) -> Result<(), StoreError> {
-        self.change(|kept| kept.pruned = Some(statement.to_vec()));
-        Ok(())
+        self.change(|kept| {
+            if kept.pruned_fails {
+                return Err(away());
+            }
+            kept.pruned = Some(statement.to_vec());
+            Ok(())
+        })
     }
 
     fn pruned(&self) -> Result<Option<Vec<u8>>, StoreError> {
         Ok(self.change(|kept| kept.pruned.clone()))
+    }
+}
+
+fn away() -> StoreError {
+    StoreError {
+        address: "memory".into(),
+        what: "storing".into(),
+        why: "away".into(),
     }
 }

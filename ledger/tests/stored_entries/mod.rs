@@ -2,6 +2,7 @@
 
 mod log_keys;
 mod memory;
+mod signed_again;
 
 use crate::network::rounds::{copy, ledger_with_a_round};
 use crate::network::*;
@@ -460,20 +461,4 @@ fn who_knows_less_of_what_was_pruned_deletes_nothing() {
     );
     assert_eq!(grown.memory.change(|kept| kept.pruned.clone()), stored);
     assert_eq!(pruned::read(&grown.other(), &genesis()).unwrap(), None);
-}
-
-#[test]
-fn a_statement_that_the_log_has_not_signed_is_not_taken() {
-    let grown = Grown::new();
-    let ledger = grown.memory.open(grown.dir()).unwrap();
-    pruning(&ledger, 3).carry_out(&ledger).unwrap();
-    grown.memory.change(|kept| {
-        let last = kept.pruned.as_mut().unwrap().last_mut().unwrap();
-        *last ^= 1;
-    });
-    let refused = grown.memory.open(&grown.other()).map(drop);
-    assert!(
-        matches!(refused, Err(LedgerError::BadPruning { .. })),
-        "{refused:?}"
-    );
 }

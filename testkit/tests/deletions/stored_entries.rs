@@ -4,6 +4,8 @@ use super::{aggregator, ledger, node, Removal};
 
 const LOG: &str = "ledger/src/log.rs";
 const STORED: &str = "ledger/src/stored_entries.rs";
+const ROTATION: &str = "ledger/src/log/key_rotation.rs";
+const PRUNED: &str = "ledger/src/pruned.rs";
 
 #[rustfmt::skip]
 pub const REMOVALS: &[Removal] = &[
@@ -30,7 +32,8 @@ pub const REMOVALS: &[Removal] = &[
     ledger("a former key writes nothing", LOG, skipped!("check_key(genesis, keys, &log_key)?;"), "an_empty_folder_goes_on_under_a_new_key"),
     ledger("a former key changes no file", LOG,
         &[("(log_key, blobs.entry_store())", "(log_key.filter(|_| !OUT), blobs.entry_store())")], "a_former_key_opens_no_ledger"),
-    ledger("the operator's key gives the log another one", LOG, never!("genesis.log_key != operator.verifying_key().to_bytes()"),
+    ledger("the operator's key gives the log another one", ROTATION,
+        never!("self.state.genesis().log_key != operator.verifying_key().to_bytes()"),
         "nothing_is_signed_for_a_thief_or_twice"),
     ledger("a key signs while it is the log's", "ledger/src/group.rs",
         skipped!("check_key(genesis, keys, &key.verifying_key().to_bytes())?;"), "nothing_is_signed_for_a_thief_or_twice"),
@@ -48,12 +51,23 @@ pub const REMOVALS: &[Removal] = &[
             "(if OUT { keys.observe(&decoded()?.body); Ok(()) } else { keys.follow(genesis, index, &decoded()?.body) })")],
         "a_folder_goes_back_to_no_former_key"),
     ledger("a change of the log's key counts at its place", "protocol/src/log_keys.rs", never!("!counts"), "a_mirror_goes_back_to_no_former_key"),
-    ledger("a new key signs again what was pruned", LOG, skipped!("self.sign_pruning_again()?;"),
+    ledger("a new key signs again what was pruned", ROTATION, skipped!("pruned::publish(&self.dir, &self.blobs, known, &signed)?;"),
         "what_was_pruned_is_signed_again_with_a_new_key"),
-    ledger("an interrupted change of the key goes on", LOG, skipped!("ledger.sign_pruning_again()?;"),
-        "what_was_pruned_is_signed_again_with_a_new_key"),
-    ledger("the store's statement about what was pruned is by the present key", "ledger/src/pruned.rs",
-        always!("signed.is_by_present(keys)"), "what_was_pruned_is_signed_again_with_a_new_key"),
+    ledger("an interrupted change of the key goes on", ROTATION, instead!("self.given()", "None"),
+        "an_interrupted_change_of_the_key_is_ended_by_the_same_command"),
+    ledger("the key before the new one has signed what is signed again", ROTATION, always!("signer == before"),
+        "what_a_thief_of_a_former_key_signs_is_not_signed_again"),
+    ledger("a former key has signed about its time", ROTATION, always!("about <= entry"),
+        "what_a_thief_of_a_former_key_signs_is_not_signed_again"),
+    ledger("a ledger opens with the present key's statement about what was pruned", LOG,
+        skipped!("pruned::check_present(&ledger.dir, &ledger.blobs, (genesis, keys))?;"),
+        "what_a_thief_of_a_former_key_signs_is_not_signed_again"),
+    ledger("the store's statement about what was pruned is by the present key", PRUNED,
+        always!("signed.is_by_present(keys)"), "what_a_thief_of_a_former_key_signs_gives_way_to_what_the_present_key_has_signed"),
+    ledger("a former key's statement about what was pruned gives way", PRUNED, always!("held.operator == offered.operator"),
+        "what_a_thief_of_a_former_key_signs_gives_way_to_what_the_present_key_has_signed"),
+    ledger("a backup keeps the statement of a later key", PRUNED, never!("held.since > signed.since"),
+        "what_a_thief_of_a_former_key_signs_gives_way_to_what_the_present_key_has_signed"),
     ledger("a served statement about what was pruned is by the present key", "ledger/src/published/mirror.rs",
         skipped!("signed.check_key(keys, size)?;"), "what_a_former_key_signs_about_pruned_blobs_does_not_count"),
     ledger("a copy's statement about what was pruned is by the present key", "ledger/src/replay/auditing.rs",
@@ -78,11 +92,11 @@ pub const REMOVALS: &[Removal] = &[
     ledger("a store refuses to overwrite", STORED, never!("store.create_group(0, &first).map_err(BlobError::from)?"), "a_store_that_overwrites_is_refused"),
     ledger("a store has no gap", STORED, never!("*first > tree.size()"), "a_store_with_a_gap_is_refused"),
     ledger("groups do not overlap", STORED, never!("*first < tree.size()"), "an_object_of_something_else_is_refused"),
-    ledger("what is deleted from the store is stated there", "ledger/src/pruned.rs", skipped!("put(store, known, signed)?;"),
+    ledger("what is deleted from the store is stated there", PRUNED, skipped!("put(store, known, signed)?;"),
         "what_was_pruned_is_known_in_an_empty_folder"),
-    ledger("a folder learns from the store what was pruned", "ledger/src/pruned.rs", skipped!("keep_newer(dir, genesis, &stored)?;"),
+    ledger("a folder learns from the store what was pruned", PRUNED, skipped!("keep_newer(dir, genesis, &stored)?;"),
         "what_was_pruned_is_known_in_an_empty_folder"),
-    ledger("a later statement about what was pruned stays", "ledger/src/pruned.rs",
+    ledger("a later statement about what was pruned stays", PRUNED,
         never!("signed.statement.and(&stored.statement) != signed.statement"), "who_knows_less_of_what_was_pruned_deletes_nothing"),
     ledger("a folder with a checkpoint is not filled", LOG, always!("folder::read_checkpoint(dir)?.is_none()"),
         "a_folder_that_has_lost_its_database_is_not_filled"),
