@@ -72,8 +72,7 @@ async fn an_update_in_the_bucket_is_taken_and_committed_to() {
         !metrics.contains(r#"zk0_uploads_total{from="message"}"#),
         "{metrics}"
     );
-    // A step of the round would wait for the bucket for ever, once it is gone.
-    network.stop().await;
+    network.end().await;
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -102,8 +101,7 @@ async fn what_is_not_the_signed_update_is_refused_by_name_and_not_kept() {
     }
     node.upload(&network, 0, &update).await.unwrap();
     node.commit(&network, 0, &update).await.unwrap();
-    // A step of the round would wait for the bucket for ever, once it is gone.
-    network.stop().await;
+    network.end().await;
 }
 
 /// Garbage of the right size is read once, and holds nobody. `ZK0_UPDATE_MB` states how much it is, in megabytes.

@@ -13,7 +13,7 @@ use crate::pruned::{self, SignedPruning};
 use crate::published::held_entries::HeldEntries;
 pub use crate::published::mirror_error::MirrorError;
 use crate::published::reader::{first_entry, PublishedError, PublishedLog};
-use crate::published::signer::check_signer;
+use crate::published::signer::{check_signer, is_former};
 use crate::published::source::{LogSource, SourceError};
 use crate::replay::check_network;
 use crate::store::{Store, StoreBatch};
@@ -125,9 +125,8 @@ pub(crate) fn mirror_with(
         }
     }
     let shown = log.checkpoint();
-    let changed = log.signer() != keys.present();
-    if changed {
-        check_signer(&log, &genesis, &keys, held)?;
+    if is_former(&log, &keys) {
+        return Err(MirrorError::FormerKey { size: shown.size });
     }
     if shown.size < held {
         let known = store.root(shown.size)?;
@@ -146,8 +145,16 @@ pub(crate) fn mirror_with(
         let root = tree.root().map_err(LedgerError::from)?;
         log.continues(&Checkpoint { size: held, root })?;
     }
-    let known = (&mut required, &mut keys);
-    extend(&log, &genesis, &store, &mut tree, known, changed)?;
+    if log.signer() != keys.present() {
+        check_signer(&log, &genesis, &keys, held)?;
+    }
+    extend(
+        &log,
+        &genesis,
+        &store,
+        &mut tree,
+        (&mut required, &mut keys),
+    )?;
     let size = tree.size();
     let named = policy.is_some();
     let policy = match policy {
@@ -270,14 +277,12 @@ fn has_ruled_policy(dir: &Path, store: &Store) -> Result<bool, MirrorError> {
     Ok(ruled.wants_witnesses() && ruled.text() == folder::read_policy(dir)?.text())
 }
 
-/// Keeps the new entries. If `checked`, the signer of the checkpoint is known to have the log's key after them.
 fn extend(
     log: &PublishedLog<'_>,
     genesis: &Genesis,
     store: &Store,
     tree: &mut Frontier,
     (required, keys): (&mut RequiredWitnesses, &mut LogKeys),
-    mut checked: bool,
 ) -> Result<(), MirrorError> {
     let size = log.checkpoint().size;
     while tree.size() < size {
@@ -309,9 +314,8 @@ fn extend(
                 None => {}
             }
         }
-        if !checked && log.signer() != keys.present() {
-            check_signer(log, genesis, keys, tree.size())?;
-            checked = true;
+        if is_former(log, keys) {
+            return Err(MirrorError::FormerKey { size });
         }
         store.commit(batch)?;
     }

@@ -8,8 +8,13 @@ use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::log_keys::LogKeys;
 use zk0_protocol::tlog::layout::TILE_WIDTH;
 
-/// Checks that the log has the key of its checkpoint's signer there. `keys` follow from its first `known` entries. Those after them are read, and none is kept:
-/// a thief of a former key can sign as many as it likes.
+/// Whether the signer of the log's checkpoint has another key's place: no key comes back. `keys` are those that a reader knows.
+pub(crate) fn is_former(log: &PublishedLog<'_>, keys: &LogKeys) -> bool {
+    keys.have(log.signer()) && log.signer() != keys.at(log.checkpoint().size)
+}
+
+/// Checks that the new entries give the log the key of its checkpoint's signer. `keys` follow from its first `known` entries. Those after them are
+/// read, and none is kept.
 pub(crate) fn check_signer(
     log: &PublishedLog<'_>,
     genesis: &Genesis,

@@ -184,15 +184,26 @@ impl Network {
         task.await.unwrap();
     }
 
-    /// Restarts from disk.
-    pub async fn start_again(&mut self) {
-        // Requests in progress hold clones of the old service, and so the database.
+    /// The aggregator from disk, once the one before it is gone.
+    async fn opened_again(&mut self) -> Aggregator {
+        // Requests and steps in progress hold clones of the old service, and so the database.
         self.service = None;
-        let aggregator = until_async("the database is free", async || match self.open() {
+        until_async("the database is free", async || match self.open() {
             Err(error) if error.to_string().contains("in use") => None,
             opened => Some(opened.unwrap()),
-        });
-        let aggregator = aggregator.await;
+        })
+        .await
+    }
+
+    /// Ends the aggregator, and waits for the step in progress. It would wait for its bucket for ever, once that is gone.
+    pub async fn end(&mut self) {
+        self.stop().await;
+        drop(self.opened_again().await);
+    }
+
+    /// Restarts from disk.
+    pub async fn start_again(&mut self) {
+        let aggregator = self.opened_again().await;
         self.service = Some(self.service_of(aggregator).await);
         self.serve().await;
         // It answers once what it does at the start is done.
