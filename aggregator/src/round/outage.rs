@@ -8,6 +8,7 @@ use zk0_ledger::folder;
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::proposal::{Action, Outcome};
 use zk0_protocol::rules::apply::LEAST_AWAY_MS;
+use zk0_protocol::tlog::witness_policy::Witnessed;
 use zk0_protocol::WitnessPolicy;
 
 impl Aggregator {
@@ -18,12 +19,15 @@ impl Aggregator {
         self.after_outage(ran_until_ms)
     }
 
-    /// How many entries the folder's cosigned checkpoint covers: `Some(None)` if this policy does not accept it, `None` without one.
-    pub fn cosigned(&self, policy: &WitnessPolicy) -> Result<Option<Option<u64>>, RequestError> {
+    /// The folder's cosigned checkpoint: `Some(None)` if this policy does not accept it, `None` without one.
+    pub fn cosigned(
+        &self,
+        policy: &WitnessPolicy,
+    ) -> Result<Option<Option<Witnessed>>, RequestError> {
         let key = self.state().genesis().verifier_key();
         let key = key.map_err(|error| RequestError::Internal(error.to_string()))?;
         let text = folder::read_cosigned(self.ledger.dir())?;
-        Ok(text.map(|text| Some(policy.open(&text, &key).ok()?.checkpoint.size)))
+        Ok(text.map(|text| policy.open(&text, &key).ok()))
     }
 
     /// Records that the first `size` entries are published. If the open round's last step waited for long, its deadlines move.
@@ -39,6 +43,13 @@ impl Aggregator {
             }
             None => Ok(()),
         }
+    }
+
+    /// The entry that gave the log its present key, and the size of the published tree, if that has it.
+    pub(super) fn published_key(&self) -> Option<(u64, u64)> {
+        let since = self.state().log_keys().rotation()?.statement.entry;
+        let published = self.published.unwrap_or_else(|| self.ledger.size());
+        (since < published).then_some((since, published))
     }
 
     /// Moves the deadline if this recording took that long since `begin_ms`: the store of the entries was away, and held the aggregator.

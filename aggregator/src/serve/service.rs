@@ -227,10 +227,18 @@ impl Service {
         let published = self
             .with(move |aggregator| {
                 folder::write_policy(aggregator.ledger().dir(), &policy)?;
-                let signed = aggregator.cosigned(&policy)?.flatten().unwrap_or(0);
+                let cosigned = aggregator.cosigned(&policy)?.flatten();
+                let signed = cosigned.as_ref().map_or(0, |one| one.checkpoint.size);
                 let held = aggregator.ledger().size();
                 if signed > held {
-                    return Err(LedgerError::RolledBack { held, signed }.into());
+                    let keys = aggregator.state().log_keys();
+                    return Err(match cosigned {
+                        Some(cosigned) if keys.is_former(&cosigned.key) => {
+                            let path = folder::cosigned(aggregator.ledger().dir());
+                            LedgerError::ByFormerKey { path, signed, held }.into()
+                        }
+                        _ => LedgerError::RolledBack { held, signed }.into(),
+                    });
                 }
                 aggregator.note_published(signed)?;
                 Ok(signed)

@@ -11,7 +11,9 @@ use crate::error::{io_error, LedgerError};
 use crate::folder;
 use crate::pruned::{self, SignedPruning};
 use crate::published::held_entries::HeldEntries;
+pub use crate::published::mirror_error::MirrorError;
 use crate::published::reader::{first_entry, PublishedError, PublishedLog};
+use crate::published::signer;
 use crate::published::source::{LogSource, SourceError};
 use crate::replay::check_network;
 use crate::store::{Store, StoreBatch};
@@ -20,7 +22,6 @@ use std::fs;
 use std::path::Path;
 use zk0_circuits::Digest;
 use zk0_files::bounded_file;
-use zk0_protocol::entries::codec::EntryError;
 use zk0_protocol::entries::entry::{needs_checkpoint, Body, Entry};
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::log_keys::LogKeys;
@@ -69,58 +70,6 @@ enum BlobCopy {
     Done,
     Missing,
     Damaged(DamagedBlob),
-}
-
-/// Why a log cannot be mirrored.
-#[derive(Debug, thiserror::Error)]
-pub enum MirrorError {
-    /// The published log is not valid.
-    #[error(transparent)]
-    Published(#[from] PublishedError),
-    /// The mirror's folder is unreadable or not writable.
-    #[error(transparent)]
-    Ledger(#[from] LedgerError),
-    /// A served blob is too large or has the wrong digest.
-    #[error("{path}: {error}")]
-    WrongBlob { path: String, error: BlobError },
-    /// The published checkpoint lacks required cosignatures.
-    #[error("the published checkpoint lacks cosignatures that the network's rules require: {0}")]
-    Witnesses(String),
-    /// A former key of the log has signed the published checkpoint.
-    #[error("the published checkpoint of {size} entries is signed with a former key of the log, which may be stolen: its operator has given the log another key")]
-    FormerKey { size: u64 },
-    /// The checkpoint after an entry is not valid.
-    #[error("the checkpoint after entry {index}: {why}")]
-    Checkpoint { index: u64, why: String },
-    /// The served statement about pruned blobs covers more entries than the checkpoint. An export writes the statement first, so this
-    /// passes when the export ends, and is no verdict. In a mirror, the fault would last.
-    #[error(
-        "the log is being updated: its statement about pruned blobs is about {entries} entries, but the checkpoint is of {size}. Try again \
-         later. If this stays, an update of the log was interrupted, or entries are gone: ask its operator to export the log again"
-    )]
-    BeingUpdated {
-        network: Digest,
-        entries: u64,
-        size: u64,
-    },
-}
-
-impl From<SourceError> for MirrorError {
-    fn from(error: SourceError) -> Self {
-        Self::Published(error.into())
-    }
-}
-
-impl From<EntryError> for MirrorError {
-    fn from(error: EntryError) -> Self {
-        Self::Ledger(error.into())
-    }
-}
-
-impl From<BlobError> for MirrorError {
-    fn from(error: BlobError) -> Self {
-        Self::Ledger(error.into())
-    }
 }
 
 /// Mirrors the log in `source` to the folder `dir`. The log must be of `network`; without it, the first mirroring accepts any. `policy`, or
@@ -176,15 +125,15 @@ pub(crate) fn mirror_with(
         }
     }
     let shown = log.checkpoint();
-    if shown.size < held {
-        let known = store.root(shown.size)?;
-        if known != shown.root {
-            return Err(MirrorError::Published(PublishedError::Forked {
-                size: shown.size,
-                found: shown.root,
-                known,
-            }));
-        }
+    let known = (shown.size <= held).then(|| store.root(shown.size));
+    let known = known.transpose()?;
+    signer::check(&log, &keys, known == Some(shown.root))?;
+    if let Some(known) = known.filter(|known| *known != shown.root) {
+        return Err(MirrorError::Published(PublishedError::Forked {
+            size: shown.size,
+            found: shown.root,
+            known,
+        }));
     }
     if held > 0 {
         let root = tree.root().map_err(LedgerError::from)?;
@@ -198,9 +147,6 @@ pub(crate) fn mirror_with(
         (&mut required, &mut keys),
     )?;
     let size = tree.size();
-    if log.signer() != keys.present() {
-        return Err(MirrorError::FormerKey { size });
-    }
     let named = policy.is_some();
     let policy = match policy {
         Some(policy) => policy.clone(),
@@ -330,6 +276,7 @@ fn extend(
     (required, keys): (&mut RequiredWitnesses, &mut LogKeys),
 ) -> Result<(), MirrorError> {
     let size = log.checkpoint().size;
+    signer::check_given(log, tree.size())?;
     while tree.size() < size {
         let number = tree.size() / TILE_WIDTH;
         let skip = (tree.size() % TILE_WIDTH) as usize;
@@ -359,6 +306,7 @@ fn extend(
                 None => {}
             }
         }
+        signer::check_after(log, keys, tree.size())?;
         store.commit(batch)?;
     }
     Ok(())
