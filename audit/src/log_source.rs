@@ -1,6 +1,6 @@
 //! Finds logs by address or folder, and holds whose signatures an auditor trusts.
 
-use anyhow::{bail, Result};
+use anyhow::{anyhow, bail, Result};
 use std::fmt;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -12,7 +12,9 @@ use zk0_ledger::published::reader::{first_entry, PublishedLog};
 use zk0_ledger::published::source::{FolderSource, LogSource, SourceError};
 use zk0_ledger::published::web::Web;
 use zk0_ledger::store::Store;
+use zk0_protocol::log_keys::LogKeys;
 use zk0_protocol::tlog::checkpoint::log_key;
+use zk0_protocol::tlog::layout::TILE_WIDTH;
 use zk0_protocol::{Body, Entry, Genesis, VerifierKey, WitnessPolicy};
 
 /// Whom an auditor trusts.
@@ -114,7 +116,7 @@ pub fn genesis_at(from: &str, ca: Option<&Path>) -> Result<Genesis> {
     founder(&first)
 }
 
-/// The key that signs the newest checkpoint of the published log at an address or in a folder.
+/// The key that signs the newest checkpoint of the published log at an address or in a folder, if it is the log's present one by its entries.
 ///
 /// # Errors
 /// Those of [`source`]; or the log is not published, or not valid.
@@ -123,7 +125,18 @@ pub fn present_key_at(from: &str, ca: Option<&Path>) -> Result<VerifierKey> {
     let genesis = genesis(source.as_ref(), None)?;
     let founding = genesis.verifier_key()?;
     let log = PublishedLog::open(source.as_ref(), &founding, &WitnessPolicy::none())?;
-    Ok(log_key(genesis.origin(), log.signer())?)
+    let (mut keys, size) = (LogKeys::of(&genesis), log.checkpoint().size);
+    for number in 0..size.div_ceil(TILE_WIDTH) {
+        for (index, bytes) in (number * TILE_WIDTH..).zip(log.entries(number)?) {
+            let followed = keys.follow(&genesis, index, &Entry::decode(&bytes)?.body);
+            followed.map_err(|why| anyhow!("entry {index}: {why}"))?;
+        }
+    }
+    let signer = log_key(genesis.origin(), log.signer())?;
+    if log.signer() != keys.present() {
+        bail!("the checkpoint of {size} entries is signed with {signer}, which is not the log's key there, and may be stolen");
+    }
+    Ok(signer)
 }
 
 fn founder(first: &[u8]) -> Result<Genesis> {

@@ -5,6 +5,7 @@ mod depths_and_threads;
 mod dishonest_aggregator;
 mod keys;
 mod left_out;
+mod present_key;
 mod programs;
 mod pruning;
 mod restoring;

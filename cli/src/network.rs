@@ -76,8 +76,11 @@ pub struct Membership {
 impl NetworkChoice {
     /// Connects to the network.
     pub async fn connect(&self, key: SigningKey) -> Result<NodeClient> {
-        let address = ServiceAddress::from(self.aggregator.clone()).with_ca(self.ca.clone());
-        Ok(NodeClient::connect(address, self.network, key).await?)
+        Ok(NodeClient::connect(self.address(), self.network, key).await?)
+    }
+
+    fn address(&self) -> ServiceAddress {
+        ServiceAddress::from(self.aggregator.clone()).with_ca(self.ca.clone())
     }
 
     /// Connects for a command, which retries briefly.
@@ -103,7 +106,8 @@ impl Membership {
         let lock = StateLock::take(state)?;
         version::check(state)?;
         // A node that restarts while its aggregator is away does not ask the Hub each time.
-        let node = self.signer.network.connect(keys::read(&self.signer.key)?);
+        let (network, key) = (&self.signer.network, keys::read(&self.signer.key)?);
+        let node = NodeClient::connect_keeping(network.address(), network.network, key, state);
         let node = node.await?;
         let dataset = self.dataset.locate_for_node(state)?;
         if self.whole_recordings {

@@ -58,6 +58,13 @@ pub enum LedgerError {
         found: Digest,
         signed: Digest,
     },
+    /// A former key has signed a checkpoint in the folder that the database does not have.
+    #[error("{path} holds a checkpoint of {signed} entries that this database of {held} entries does not have, and a former key of the log has signed it, which may be stolen. If no backup, mirror or witness has more entries under the present key, put the newest checkpoint that they have in its place (a file `cosigned` may also be removed); until then nothing is signed")]
+    ByFormerKey {
+        path: PathBuf,
+        signed: u64,
+        held: u64,
+    },
     /// The checkpoint file is missing.
     #[error("{0} is missing, but the database holds entries. Put the newest signed checkpoint back; until then nothing is signed. If this is a copy and `zk0 ledger import` was interrupted there, run it again")]
     NoCheckpoint(PathBuf),

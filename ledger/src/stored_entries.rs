@@ -12,6 +12,7 @@ use crate::blobs::entry_objects::{group_name, EntryStore, FOLDER};
 use crate::blobs::error::BlobError;
 use crate::error::{io_error, LedgerError};
 use crate::folder;
+use crate::group::check_key;
 use crate::published::mirror::check_checkpoint;
 use crate::store::{DatabaseKey, Store, StoreBatch};
 use borsh::{BorshDeserialize, BorshSerialize};
@@ -140,10 +141,7 @@ pub(crate) fn found(
     check_checkpoint(&text, state.genesis(), founding, &Checkpoint { size, root }).map_err(bad)?;
     if let Some(log_key) = log_key {
         if newest_key(store, state.genesis())? != *log_key {
-            return Err(LedgerError::EntriesOfOther {
-                address: store.place().into(),
-                network: *state.network(),
-            });
+            return Err(not_of(log_key, store, state.genesis()));
         }
     }
     create_folder(dir).map_err(io_error(dir))?;
@@ -157,7 +155,7 @@ pub(crate) fn found(
     folder::write_checkpoint(dir, &text)
 }
 
-/// The key that signed the newest checkpoint in the store.
+/// The key that signed the newest checkpoint in the store. Only the entries tell whether it is the log's.
 fn newest_key(store: &dyn EntryStore, genesis: &Genesis) -> Result<[u8; 32], LedgerError> {
     let groups = store.groups_from(0).map_err(BlobError::from)?;
     let first = groups.into_iter().max().unwrap_or(0);
@@ -167,10 +165,48 @@ fn newest_key(store: &dyn EntryStore, genesis: &Genesis) -> Result<[u8; 32], Led
     let Some(text) = newest.and_then(|newest| newest.checkpoint) else {
         return Err(bad("it does not end with a checkpoint".into()));
     };
-    match KeyedCheckpoint::open(&text, genesis.origin(), &genesis.log_key) {
-        Ok(signed) => Ok(signed.key),
-        Err(error) => Err(bad(error.to_string())),
+    let signed = KeyedCheckpoint::open(&text, genesis.origin(), &genesis.log_key);
+    let signed = signed.map_err(|error| bad(error.to_string()))?;
+    let network = signed.check_network(&genesis.network_id());
+    network.map_err(|error| bad(error.to_string()))?;
+    Ok(signed.key)
+}
+
+/// Why the newest checkpoint in the store is not one of this key: as the entries there show, it is not the log's, or no more, or somebody
+/// has signed with a former key.
+fn not_of(log_key: &[u8; 32], store: &dyn EntryStore, genesis: &Genesis) -> LedgerError {
+    match keys_in(store, genesis) {
+        Err(error) => error,
+        Ok((keys, newest)) => match check_key(genesis, &keys, log_key) {
+            Err(LedgerError::OtherKey(network)) => LedgerError::EntriesOfOther {
+                address: store.place().into(),
+                network,
+            },
+            Err(error) => error,
+            Ok(()) => {
+                let why =
+                    "a key that is not the log's present one has signed it, and may be stolen";
+                bad(store, newest, why.into())
+            }
+        },
     }
+}
+
+/// The log's keys after all entries in the store, and its newest group.
+fn keys_in(store: &dyn EntryStore, genesis: &Genesis) -> Result<(LogKeys, u64), LedgerError> {
+    let mut groups = store.groups_from(0).map_err(BlobError::from)?;
+    groups.sort_unstable();
+    let (mut keys, mut newest) = (LogKeys::of(genesis), 0);
+    for first in groups {
+        let bad = |why: String| bad(store, first, why);
+        let object = get(store, first)?.ok_or_else(|| missing(store, first))?;
+        for (index, stored) in (first..).zip(decode(&object).map_err(bad)?) {
+            let entry = Entry::decode(&stored.bytes).map_err(|error| bad(error.to_string()))?;
+            keys.follow(genesis, index, &entry.body).map_err(bad)?;
+        }
+        newest = first;
+    }
+    Ok((keys, newest))
 }
 
 /// Brings the database in `dir` and the store to the same entries: takes those that the store has more, or puts there those that it lacks.

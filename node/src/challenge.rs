@@ -64,7 +64,8 @@ impl NodeClient {
         round: u64,
         receipt: rpc::Receipt,
     ) -> Result<(CommitmentsClosing, [u8; 32]), NodeError> {
-        let (receipt, signed, entry) = self.opened(receipt)?;
+        // The randomness, which the newest key vouches for, is of this closing.
+        let (receipt, signed, entry) = self.opened_of_size(receipt)?;
         let KeyedCheckpoint {
             checkpoint, key, ..
         } = signed;

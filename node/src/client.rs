@@ -2,6 +2,7 @@
 
 pub mod carried;
 mod heads;
+mod opened;
 mod seen_keys;
 pub mod status;
 pub mod stored_update;
@@ -17,6 +18,7 @@ use crate::client_error::NodeError;
 use crate::observe::{AskedService, NodeMetrics};
 use ed25519_dalek::SigningKey;
 use sha2::{Digest as _, Sha256};
+use std::path::Path;
 use std::time::Duration;
 use tonic::service::interceptor::InterceptedService;
 use tonic::{transport, Status};
@@ -36,7 +38,6 @@ use zk0_protocol::rpc::federation::federation_client::FederationClient;
 use zk0_protocol::rpc::federation::record_request::Statement;
 use zk0_protocol::rpc::head_metadata::with_head;
 use zk0_protocol::rpc::PROTOCOL;
-use zk0_protocol::tlog::checkpoint::{Checkpoint, KeyedCheckpoint};
 use zk0_protocol::tlog::receipt::Receipt;
 use zk0_protocol::{Refusal, Rules};
 use zk0_service::tls::service_address::ServiceAddress;
@@ -48,7 +49,7 @@ const MAX_MESSAGE_BYTES: usize = 4 << 20;
 /// Most characters of an aggregator's sentence about its release.
 const MAX_RELEASE_CHARS: usize = 200;
 
-/// Makes a request, and repeats it while the aggregator does not answer or cannot grant it. The same request gets the same receipt. Each
+/// Makes a request, and repeats it while the aggregator does not answer or cannot grant it. The same request has the same result. Each
 /// attempt makes `$request` again, because the head of a request counts once.
 macro_rules! patiently {
     ($self:ident.client.$method:ident($request:expr)) => {{
@@ -123,7 +124,26 @@ impl NodeClient {
         network: Digest,
         key: SigningKey,
     ) -> Result<Self, NodeError> {
-        let address = address.into();
+        Self::connect_with(address.into(), key, SeenKeys::of(network)).await
+    }
+
+    /// [`NodeClient::connect`], of a node that keeps in its folder `state` which key of the log it has seen.
+    pub async fn connect_keeping(
+        address: impl Into<ServiceAddress>,
+        network: Digest,
+        key: SigningKey,
+        state: &Path,
+    ) -> Result<Self, NodeError> {
+        let seen_keys = SeenKeys::kept_in(state, network)?;
+        Self::connect_with(address.into(), key, seen_keys).await
+    }
+
+    async fn connect_with(
+        address: ServiceAddress,
+        key: SigningKey,
+        seen_keys: SeenKeys,
+    ) -> Result<Self, NodeError> {
+        let network = seen_keys.network();
         let channel = address.connect().await?;
         let mut client = FederationClient::with_interceptor(channel, Carrier)
             .max_decoding_message_size(MAX_MESSAGE_BYTES);
@@ -155,7 +175,7 @@ impl NodeClient {
             client,
             key,
             genesis,
-            seen_keys: SeenKeys::of(network),
+            seen_keys,
             opening: None,
             store: StoreClient::beside(&address),
             patience: None,
@@ -206,7 +226,7 @@ impl NodeClient {
         NodeId(self.key.verifying_key().to_bytes())
     }
 
-    /// Puts a dataset on the ledger. `leaves` is the list of drawn frames. A node that was restarted gets the same receipt again.
+    /// Puts a dataset on the ledger. `leaves` is the list of drawn frames. A node that was restarted gets a receipt of the same entry.
     pub async fn register(
         &mut self,
         registration: DatasetRegistration,
@@ -391,6 +411,10 @@ impl NodeClient {
         for open in info.proposals {
             let receipt = open.receipt.clone();
             let receipt = receipt.ok_or_else(|| unexpected("a receipt of a proposal", "none"))?;
+            let receipt = rpc::Receipt {
+                not_cosigned: info.not_cosigned,
+                ..receipt
+            };
             match self.entry(receipt)?.1.body {
                 Body::Proposed(signed) => {
                     signed.verify().map_err(unsigned)?;
@@ -444,30 +468,6 @@ impl NodeClient {
             self.heads.run = run;
         }
         Ok(())
-    }
-
-    pub(crate) fn entry(&self, receipt: rpc::Receipt) -> Result<(Checkpoint, Entry), NodeError> {
-        let (_, signed, entry) = self.opened(receipt)?;
-        Ok((signed.checkpoint, entry))
-    }
-
-    fn open_checkpoint(&self, note: &[u8]) -> Result<Checkpoint, NodeError> {
-        let genesis = &self.genesis;
-        let signed = KeyedCheckpoint::open(note, genesis.origin(), &genesis.log_key)?;
-        self.seen_keys.take_newest(&signed)?;
-        Ok(signed.checkpoint)
-    }
-
-    pub(crate) fn opened(
-        &self,
-        receipt: rpc::Receipt,
-    ) -> Result<(Receipt, KeyedCheckpoint, Entry), NodeError> {
-        let receipt = Receipt::try_from(receipt)
-            .map_err(|error| unexpected("a hash of 32 bytes", format!("{} bytes", error.0)))?;
-        let genesis = &self.genesis;
-        let (signed, entry) = receipt.verify_keyed(&genesis.log_key, genesis.origin())?;
-        self.seen_keys.take(&signed)?;
-        Ok((receipt, signed, entry))
     }
 }
 

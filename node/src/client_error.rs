@@ -1,5 +1,6 @@
 //! Why a request to the aggregator fails.
 
+use std::path::PathBuf;
 use tonic::Status;
 use zk0_circuits::Digest;
 use zk0_protocol::challenge::drawing::RandomnessError;
@@ -52,6 +53,14 @@ pub enum NodeError {
         size: u64,
         /// The entry that gave the log its newest key.
         since: u64,
+    },
+    /// The file that names the log's newest key cannot be read or written.
+    #[error("{path}: {why}. The node keeps there which key of the log it has seen, to know a thief who has a former one. Put the file back, or remove it if no former key of the log was stolen")]
+    SeenKey {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        why: String,
     },
     /// It sent a receipt that does not prove the entry.
     #[error("{0}")]

@@ -71,6 +71,11 @@ impl LogKeys {
         self.rotations.last()
     }
 
+    /// Whether the log had this key, and has another one: this one may be stolen.
+    pub fn is_former(&self, key: &[u8; 32]) -> bool {
+        self.have(key) && self.present() != key
+    }
+
     /// Whether the log has or had this key.
     pub fn have(&self, key: &[u8; 32]) -> bool {
         let mut rotations = self.rotations.iter();

@@ -4,12 +4,13 @@ use crate::publish::new_witnesses::NewWitnesses;
 use crate::round::aggregator::Aggregator;
 use crate::round::phase::RoundStep;
 use crate::round::request_error::RequestError;
-use zk0_ledger::folder;
+use zk0_ledger::{folder, LedgerError};
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::proposal::{Action, Outcome};
 use zk0_protocol::rules::apply::LEAST_AWAY_MS;
 use zk0_protocol::rules::required_witnesses::RequiredWitnesses;
 use zk0_protocol::tlog::checkpoint::{CheckpointError, Parsed};
+use zk0_protocol::tlog::witness_policy::Witnessed;
 use zk0_protocol::WitnessPolicy;
 
 impl Aggregator {
@@ -39,14 +40,21 @@ impl Aggregator {
         let checkpoint = Parsed::read(&text).map_err(damaged)?.checkpoint;
         let key = self.state().genesis().verifier_key();
         let key = key.map_err(|error| RequestError::Internal(error.to_string()))?;
-        let accepted = match policy.open(&text, &key) {
-            Ok(_) => true,
+        let cosigned = match policy.open(&text, &key) {
+            Ok(cosigned) => Some(cosigned),
             // The log has signed it.
-            Err(CheckpointError::NoQuorum { .. }) => false,
+            Err(CheckpointError::NoQuorum { .. }) => None,
             Err(error) => return Err(damaged(error)),
         };
+        let keys = self.state().log_keys();
+        let is_former = |cosigned: &Witnessed| keys.is_former(&cosigned.key);
+        let (signed, held) = (checkpoint.size, self.ledger.size());
+        if signed > held && cosigned.as_ref().is_some_and(is_former) {
+            let path = folder::cosigned(dir);
+            return Err(LedgerError::ByFormerKey { path, signed, held }.into());
+        }
         self.ledger.continues(&checkpoint)?;
-        Ok(Some((checkpoint.size, accepted)))
+        Ok(Some((signed, cosigned.is_some())))
     }
 
     /// Whether a vote has put this policy into force since the folder's cosigned checkpoint: then perhaps no witness of it has seen the log.
@@ -78,6 +86,13 @@ impl Aggregator {
             }
             None => Ok(()),
         }
+    }
+
+    /// The entry that gave the log its present key, and the size of the published tree, if that has it.
+    pub(super) fn published_key(&self) -> Option<(u64, u64)> {
+        let since = self.state().log_keys().rotation()?.statement.entry;
+        let published = self.published.unwrap_or_else(|| self.ledger.size());
+        (since < published).then_some((since, published))
     }
 
     /// Moves the deadline if this recording took that long since `begin_ms`: the store of the entries was away, and held the aggregator.

@@ -9,6 +9,7 @@ use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::signed::{Enrolment, OperatorDecision, Signed};
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rules::network_rules::EnrolmentRule;
+use zk0_protocol::tlog::checkpoint::KeyedCheckpoint;
 use zk0_testkit::aggregator::*;
 use zk0_testkit::network::log_keys::later_key;
 
@@ -170,5 +171,27 @@ async fn a_log_key_of_its_own_enrols_and_does_not_suspend() -> Test {
         &Body::OperatorDecided(Signed::new(by_operator, &log_key())),
     )
     .await?;
+    Ok(())
+}
+
+/// A node that has seen the log's later key takes no other one's receipts, and asks again what it has lost the answer to.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_receipt_from_before_the_logs_key_is_signed_again() -> Test {
+    let first = SigningNode::new(1);
+    let mut network = Network::start(&[&first], config()).await;
+    let founding = network.genesis.log_key;
+    let later = later_key(1);
+    let before = first.register(&network).await?;
+    network.rotate_log_key(later.clone()).await;
+    let after = first.register(&network).await?;
+    let origin = network.genesis.origin().to_owned();
+    let signer = |receipt: &proto::Receipt| {
+        let opened = KeyedCheckpoint::open(receipt.checkpoint.as_bytes(), &origin, &founding);
+        opened.unwrap().key
+    };
+    assert_eq!(signer(&before), founding);
+    assert_eq!(signer(&after), later.verifying_key().to_bytes());
+    let (before, after) = (network.opened(before), network.opened(after));
+    assert_eq!((after.0, after.2), (before.0, before.2));
     Ok(())
 }

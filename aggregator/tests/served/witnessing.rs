@@ -9,16 +9,20 @@ use tokio::net::TcpListener;
 use tokio::task::spawn_blocking;
 use tonic::Code;
 use zk0_aggregator::publish::cosigning::{ConsistencyProver, CosigningError, Witnesses};
-use zk0_aggregator::Config;
+use zk0_aggregator::{Aggregator, Config, Limits, Service};
+use zk0_circuits::Digest;
+use zk0_ledger::blobs::Blobs;
+use zk0_ledger::folder;
 use zk0_ledger::published::publication::{Publication, PublicationError};
 use zk0_ledger::published::reader::PublishedLog;
 use zk0_ledger::witness_store::hash;
 use zk0_ledger::Ledger;
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::tlog::cosigner::Cosigner;
-use zk0_protocol::WitnessPolicy;
+use zk0_protocol::{Checkpoint, WitnessPolicy};
 use zk0_testkit::aggregator::witnesses::{cosigned, enrol, ledger, log_verifier, three, DEADLINE};
 use zk0_testkit::aggregator::*;
+use zk0_testkit::network::log_keys::later_key;
 use zk0_testkit::until_async;
 
 fn published(dir: &Path) -> u64 {
@@ -438,4 +442,39 @@ async fn no_window_ends_while_its_beginning_is_not_published() {
     let published = async || network.round(None).await.opened;
     until_async("the round is published", published).await;
     committed(&network, &first, 0, 1).await;
+}
+
+/// A witness may have cosigned what a thief of the former key has signed.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_cosigned_checkpoint_of_a_former_key_is_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let clock = Arc::new(ManualClock::at(START_MS));
+    let config = Config {
+        rounds: Some(1),
+        min_nodes: 2,
+    };
+    drop(found(dir.path(), genesis(), clock.clone(), config).unwrap());
+    let (later, blobs) = (later_key(1), Blobs::at(dir.path()));
+    let opened = Ledger::open_to_rotate(dir.path(), None, later.clone(), None, blobs, &mut ());
+    opened.unwrap().rotate_key(&log_key(), START_MS).unwrap();
+    let cosigner = SigningKey::from_bytes(&[77; 32]);
+    let cosigner = Cosigner::new("witness.example/w", cosigner).unwrap();
+    let policy = format!(
+        "witness W {} http://127.0.0.1:1\nquorum W\n",
+        cosigner.key()
+    );
+    let policy = WitnessPolicy::parse(&policy).unwrap();
+    let larger = Checkpoint {
+        size: 99,
+        root: Digest([7; 32]),
+    };
+    let signed = larger.sign(&genesis().name, &log_key()).unwrap();
+    let cosignature = cosigner.cosign(&larger.text(&genesis().name).unwrap(), 1);
+    folder::write_cosigned(dir.path(), &[signed, cosignature].concat()).unwrap();
+    let aggregator = Aggregator::open(dir.path(), None, later, clock, config).unwrap();
+    let service = Service::with_limits(aggregator, Limits::default());
+    let witnesses = Arc::new(Witnesses::new(policy, DEADLINE).unwrap());
+    let refused = service.witnessed(witnesses).await.err().unwrap();
+    let words = "a former key of the log has signed it";
+    assert!(refused.to_string().contains(words), "{refused}");
 }

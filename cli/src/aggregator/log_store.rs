@@ -75,6 +75,13 @@ impl OtherHistory {
     pub fn in_store() -> Self {
         Self("the ledger is not served, because it and its blob store do not hold one log".into())
     }
+
+    /// A former key of the log has signed what is published, so it is no reason to restore anything.
+    fn of_former_key(what: &str) -> Self {
+        Self(format!(
+            "{what}. A former key of the log has signed that, and may be stolen: change who may write there, remove what is there, and start again, which publishes the log anew"
+        ))
+    }
 }
 
 impl fmt::Display for OtherHistory {
@@ -130,9 +137,12 @@ impl LogStore {
             .reader()
             .continues(&there.checkpoint)
             .with_context(|| {
-                OtherHistory::of(&format!(
-                    "the ledger in {dir} does not go on from what is published in {name}"
-                ))
+                let what =
+                    format!("the ledger in {dir} does not go on from what is published in {name}");
+                match ledger.state().log_keys().is_former(&there.key) {
+                    true => OtherHistory::of_former_key(&what),
+                    false => OtherHistory::of(&what),
+                }
             })
     }
 

@@ -47,6 +47,7 @@ pub enum LedgerCommand {
         #[arg(long, value_name = "FILE")]
         ca: Option<PathBuf>,
         /// Print the key that signs the newest published checkpoint, for software that does not follow the log from its founding key to a later one.
+        /// All entries are read, because only they show that it is not a former key.
         #[arg(long)]
         present: bool,
     },

@@ -8,6 +8,9 @@ use crate::harness::{ends, fails, logged, prints, words, zk0};
 use crate::pages::Reader;
 use std::fs;
 use std::path::Path;
+use zk0::keys;
+use zk0_circuits::Digest;
+use zk0_protocol::Checkpoint;
 use zk0_testkit::aggregator::copy_of;
 use zk0_testkit::s3::S3;
 
@@ -92,6 +95,33 @@ fn an_aggregator_does_not_start_on_an_older_state_than_is_published() {
     runs("3", &["--log-store", &log]);
     assert_eq!(network.entries()[..published.len()], published);
     drill.passed();
+}
+
+/// There is nothing to restore: the former key signs nothing that counts.
+#[test]
+fn what_a_thief_of_a_former_key_has_published_is_named() {
+    let network = founded();
+    let [ledger, former, new] = ["ledger", "log.key", "new.key"].map(|name| network.path(name));
+    let public = network.path("public");
+    prints(&["aggregator", "keygen", &new]);
+    let rotate = ["aggregator", "rotate-log-key", &ledger, "--key", &new];
+    prints(&[&rotate[..], &["--operator-key", &former]].concat());
+    let newer = Checkpoint {
+        size: 99,
+        root: Digest([7; 32]),
+    };
+    let (genesis, former) = (network.genesis(), keys::read(Path::new(&former)).unwrap());
+    let by_thief = newer.sign(genesis.origin(), &former).unwrap();
+    fs::create_dir(&public).unwrap();
+    fs::write(Path::new(&public).join("checkpoint"), by_thief).unwrap();
+    let log = format!("file://{public}");
+    let begin = ["aggregator", "serve", &ledger, "--key", &new];
+    let end = ["--listen", "127.0.0.1:0", "--log-store", &log];
+    let reported = logged(&ends(2, zk0(&[&begin[..], &end].concat())));
+    assert!(
+        reported.contains("A former key of the log has signed that"),
+        "{reported}"
+    );
 }
 
 #[test]

@@ -13,7 +13,7 @@ use crate::pruned::{self, SignedPruning};
 use crate::published::held_entries::HeldEntries;
 pub use crate::published::mirror_error::MirrorError;
 use crate::published::reader::{first_entry, PublishedError, PublishedLog};
-use crate::published::signer::{check_signer, is_former};
+use crate::published::signer;
 use crate::published::source::{LogSource, SourceError};
 use crate::replay::check_network;
 use crate::store::{Store, StoreBatch};
@@ -125,28 +125,19 @@ pub(crate) fn mirror_with(
         }
     }
     let shown = log.checkpoint();
-    if is_former(&log, &keys) {
-        return Err(MirrorError::FormerKey { size: shown.size });
-    }
-    if shown.size < held {
-        let known = store.root(shown.size)?;
-        if known != shown.root && log.signer() != keys.present() {
-            return Err(MirrorError::FormerKey { size: shown.size });
-        }
-        if known != shown.root {
-            return Err(MirrorError::Published(PublishedError::Forked {
-                size: shown.size,
-                found: shown.root,
-                known,
-            }));
-        }
+    let known = (shown.size <= held).then(|| store.root(shown.size));
+    let known = known.transpose()?;
+    signer::check(&log, &keys, known == Some(shown.root))?;
+    if let Some(known) = known.filter(|known| *known != shown.root) {
+        return Err(MirrorError::Published(PublishedError::Forked {
+            size: shown.size,
+            found: shown.root,
+            known,
+        }));
     }
     if held > 0 {
         let root = tree.root().map_err(LedgerError::from)?;
         log.continues(&Checkpoint { size: held, root })?;
-    }
-    if log.signer() != keys.present() {
-        check_signer(&log, &genesis, &keys, held)?;
     }
     extend(
         &log,
@@ -285,6 +276,7 @@ fn extend(
     (required, keys): (&mut RequiredWitnesses, &mut LogKeys),
 ) -> Result<(), MirrorError> {
     let size = log.checkpoint().size;
+    signer::check_given(log, tree.size())?;
     while tree.size() < size {
         let number = tree.size() / TILE_WIDTH;
         let skip = (tree.size() % TILE_WIDTH) as usize;
@@ -314,9 +306,7 @@ fn extend(
                 None => {}
             }
         }
-        if is_former(log, keys) {
-            return Err(MirrorError::FormerKey { size });
-        }
+        signer::check_after(log, keys, tree.size())?;
         store.commit(batch)?;
     }
     Ok(())

@@ -5,7 +5,7 @@
 //! - [`source`]: a folder or an address ([`web`]) with a published log; `web_file`: reads a file over HTTP to its end, although connections
 //!   break; `patience`: when it gives up.
 //! - [`reader`]: reads a published log and trusts none of its files; [`mirror`]: makes a ledger's folder of one;
-//!   `mirror_error`: why it cannot; `held_entries`: what it knows of those that are there; `signer`: whose checkpoint a log shows.
+//!   `mirror_error`: why it cannot; `held_entries`: what it knows of those that are there; `signer`: whether a former key has signed the log.
 //! - [`http_client`]: sends requests.
 
 pub mod export;

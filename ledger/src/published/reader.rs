@@ -66,6 +66,7 @@ pub struct PublishedLog<'a> {
     text: Vec<u8>,
     checkpoint: Checkpoint,
     signer: [u8; 32],
+    since: u64,
 }
 
 impl<'a> PublishedLog<'a> {
@@ -82,6 +83,7 @@ impl<'a> PublishedLog<'a> {
         let Witnessed {
             checkpoint,
             key: signer,
+            since,
             ..
         } = policy.open(&text, key)?;
         if (1..=MAX_TREE_SIZE).contains(&checkpoint.size) {
@@ -90,6 +92,7 @@ impl<'a> PublishedLog<'a> {
                 text,
                 checkpoint,
                 signer,
+                since,
             })
         } else {
             Err(PublishedError::Size(checkpoint.size))
@@ -104,6 +107,11 @@ impl<'a> PublishedLog<'a> {
     /// The key that signed the checkpoint. Only the entries tell whether it is the log's there.
     pub fn signer(&self) -> &[u8; 32] {
         &self.signer
+    }
+
+    /// The entry that gave the log this key, as the operator has signed; 0 for the founding key.
+    pub fn signer_since(&self) -> u64 {
+        self.since
     }
 
     /// The checkpoint's text, with cosignatures.

@@ -2,6 +2,7 @@
 
 use super::chunk::Chunk;
 use super::database::{self, OpenedDatabase};
+use super::keys_ahead::keys_ahead;
 use super::options::{ReplayOptions, SaveOptions};
 use super::recheck::Recheck;
 use super::relay;
@@ -104,17 +105,16 @@ impl Auditing<'_> {
             Some(saved) => self.resume(&store, saved)?,
             None => VerifiedHistory::found(&store, dir, network.as_ref(), self)?,
         });
-        let pruned = pruned::read_within(self.dir, history.genesis(), size)?;
-        if let Some(signed) = &pruned {
+        if let Some(signed) = pruned::read_within(self.dir, history.genesis(), size)? {
+            // First of all: it excuses missing blobs, and what was verified so is saved on the way.
+            let keys = keys_ahead(&store, history, size)?;
+            signed.check_key(&keys, size)?;
             self.recheck.pruned(&signed.statement);
         }
         let threads = options
             .threads
             .map_or_else(relay::default_threads, NonZeroUsize::get);
         relay::run(&store, size, history, self, threads, options.progress)?;
-        if let Some(signed) = pruned {
-            signed.check_key(history.state().log_keys(), size)?;
-        }
         Ok(())
     }
 

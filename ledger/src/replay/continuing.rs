@@ -2,6 +2,7 @@
 //! with what the log signed.
 
 use super::database;
+use super::keys_ahead::keys_ahead;
 use super::relay;
 use super::verified::{HistoryFold, VerifiedHistory};
 use crate::error::LedgerError;
@@ -10,7 +11,7 @@ use crate::pruned;
 use crate::store::Store;
 use std::path::Path;
 use zk0_circuits::Digest;
-use zk0_protocol::tlog::checkpoint::Checkpoint;
+use zk0_protocol::tlog::checkpoint::{Checkpoint, KeyedCheckpoint};
 
 /// Verifies all of `store`, the database in `dir`: entries by the rules, tree hashes, checkpoints, and the root at the size of `published`,
 /// the checkpoint file's content. `network` is the network that it must be of.
@@ -57,7 +58,15 @@ pub fn verify_rest(
 ) -> Result<(), LedgerError> {
     let whole = store.size()?;
     if let Some(signed) = open_published(dir, history, whole, published)? {
-        store.known_tree(&signed)?;
+        let held = store.known_tree(&signed.checkpoint).map(drop);
+        held.map_err(|error| match is_by_former(store, history, whole, &signed) {
+            true => LedgerError::ByFormerKey {
+                path: folder::checkpoint(dir),
+                signed: signed.checkpoint.size,
+                held: whole,
+            },
+            false => error,
+        })?;
     }
     let (size, root) = (history.size(), history.root()?);
     store.known_tree(&Checkpoint { size, root })?;
@@ -78,15 +87,26 @@ fn open_published(
     history: &VerifiedHistory,
     held: u64,
     published: Option<&[u8]>,
-) -> Result<Option<Checkpoint>, LedgerError> {
+) -> Result<Option<KeyedCheckpoint>, LedgerError> {
     let path = folder::checkpoint(dir);
     let genesis = history.genesis();
     match published {
         // The writer was killed right after founding.
         None if held == 1 => Ok(None),
         None => Err(LedgerError::NoCheckpoint(path)),
-        Some(text) => Checkpoint::open(text, genesis.origin(), &genesis.log_key)
+        Some(text) => KeyedCheckpoint::open(text, genesis.origin(), &genesis.log_key)
             .map(Some)
             .map_err(|error| LedgerError::CheckpointFile { path, error }),
     }
+}
+
+/// Whether a former key has signed this, as the entries show. Then it is no reason to restore anything: a thief may have put it there.
+fn is_by_former(
+    store: &Store,
+    history: &VerifiedHistory,
+    whole: u64,
+    signed: &KeyedCheckpoint,
+) -> bool {
+    let keys = keys_ahead(store, history, whole);
+    keys.is_ok_and(|keys| keys.is_former(&signed.key))
 }

@@ -5,6 +5,7 @@
 //! change the result.
 //!
 //! - [`relay`]: the threads; [`database`]: how an auditor opens the database, and its keys; [`stopped`]: why a replay stops;
+//!   [`keys_ahead`]: the log's keys at the end, before the replay is there;
 //! - [`continuing`]: a writer's replay; [`kept`]: where it begins; [`missing_files`]: what the open round lacks;
 //! - [`auditing`]: an auditor's replay; [`recheck`]: what an auditor checks besides; [`report`]: the report at the end;
 //! - [`options`]: how to replay; [`saved`]: a replay on disk, to go on from.
@@ -14,6 +15,7 @@ mod chunk;
 pub(crate) mod continuing;
 mod database;
 pub(crate) mod kept;
+mod keys_ahead;
 pub mod missing_files;
 mod options;
 mod recheck;

@@ -1,5 +1,7 @@
 //! A log goes on under another key, here and on an empty folder. Copies follow it, and a former key signs nothing.
 
+mod former;
+
 use super::*;
 use crate::network::log_keys::*;
 use ed25519_dalek::SigningKey;
@@ -334,28 +336,35 @@ fn a_mirror_goes_back_to_no_former_key() {
     let ledger = rotates(&dir, later_key(2));
     let size = ledger.size();
     drop(ledger);
-    let mirrored = |dir: &Path, out: &Path| {
+    let mirrored = |dir: &Path, out: &Path, to: &Path| {
         export(&Publication::open(dir, None).unwrap(), out).unwrap();
-        mirror(&FolderSource::at(out), &copied, None, None)
+        mirror(&FolderSource::at(out), to, None, None)
     };
-    mirrored(&dir, &at("export")).unwrap();
+    mirrored(&dir, &at("export"), &copied).unwrap();
     let held = folder::read_checkpoint(&copied).unwrap();
     for (number, body) in back_to_former(&given, size).into_iter().enumerate() {
-        let fork = at(&format!("fork {number}"));
+        let (fork, out) = (at(&format!("fork {number}")), at(&format!("out {number}")));
         copy(&dir, &fork);
         write(&fork, &forged(&fork, body, &given));
-        let refused = mirrored(&fork, &at(&format!("export {number}"))).unwrap_err();
+        let refused = mirrored(&fork, &out, &copied).unwrap_err();
+        assert!(
+            matches!(refused, MirrorError::FormerKey { .. }),
+            "{refused}"
+        );
+        assert_eq!(folder::read_checkpoint(&copied).unwrap(), held);
+        // A new mirror knows only the founding key.
+        let refused = mirrored(&fork, &out, &at(&format!("new {number}"))).unwrap_err();
         assert!(
             matches!(&refused, MirrorError::Ledger(LedgerError::BadEntry { index, .. }) if *index == size),
             "{refused}"
         );
-        assert_eq!(folder::read_checkpoint(&copied).unwrap(), held);
     }
     // The mirror still follows the log.
     let mut ledger = Ledger::open(&dir, None, later_key(2)).unwrap();
     grow(&mut ledger, 0..1);
     drop(ledger);
-    assert_eq!(mirrored(&dir, &at("export")).unwrap().entries, size + 1);
+    let followed = mirrored(&dir, &at("export"), &copied).unwrap();
+    assert_eq!(followed.entries, size + 1);
 }
 
 #[test]

@@ -164,7 +164,7 @@ impl Registering<'_> {
         Ok(set)
     }
 
-    /// A node that was restarted gets the same receipt again.
+    /// A node that was restarted gets a receipt of the same entry.
     async fn register(
         &self,
         node: &mut NodeClient,

@@ -50,6 +50,8 @@ pub struct Witnessed {
     pub checkpoint: Checkpoint,
     /// The key that signed it: the log's founding one, or one that the operator gave the log.
     pub key: [u8; 32],
+    /// The entry that gave the log this key; 0 for the founding key.
+    pub since: u64,
     /// The policy's witnesses that cosigned it, by name, with the time in POSIX seconds.
     pub cosigners: Vec<(String, u64)>,
 }
@@ -168,7 +170,9 @@ impl WitnessPolicy {
     /// An invalid signature of a known key makes the checkpoint invalid.
     pub fn open(&self, text: &[u8], log: &VerifierKey) -> Result<Witnessed, CheckpointError> {
         let parsed = Parsed::read(text)?;
-        let LogSignature { key: signer, .. } = parsed.signed_by(log)?;
+        let LogSignature {
+            key: signer, since, ..
+        } = parsed.signed_by(log)?;
         let boxed = |key: &VerifierKey| Box::new(key.clone()) as Box<dyn Verifier>;
         let witnesses = self.witnesses.iter().map(|witness| boxed(&witness.key));
         let keys = VerifierList::new(std::iter::once(boxed(&signer)).chain(witnesses).collect());
@@ -195,6 +199,7 @@ impl WitnessPolicy {
             Ok(Witnessed {
                 checkpoint: parsed.checkpoint,
                 key: *signer.public(),
+                since,
                 cosigners,
             })
         } else {

@@ -6,6 +6,8 @@ const LOG: &str = "ledger/src/log.rs";
 const STORED: &str = "ledger/src/stored_entries.rs";
 const ROTATION: &str = "ledger/src/log/key_rotation.rs";
 const PRUNED: &str = "ledger/src/pruned.rs";
+const SIGNER: &str = "ledger/src/published/signer.rs";
+const SEEN: &str = "node/src/client/seen_keys.rs";
 
 #[rustfmt::skip]
 pub const REMOVALS: &[Removal] = &[
@@ -41,8 +43,15 @@ pub const REMOVALS: &[Removal] = &[
         instead!("signed.check_key(key)", "Ok(())"), "a_checkpoint_of_a_former_key_is_a_fault_in_a_replay"),
     ledger("entries from the store have the key of their place", "ledger/src/published/mirror.rs",
         skipped!("signed.check_key(key)?;"), "entries_from_the_store_have_the_key_of_their_place"),
-    ledger("a mirror refuses a former key", "ledger/src/published/mirror.rs", never!("log.signer() != keys.present()"),
+    ledger("a mirror refuses a former key", SIGNER, never!("log.signer() != keys.at(size)"),
         "a_mirror_follows_another_key_and_refuses_the_former_one"),
+    ledger("a former key shows no fork", SIGNER, never!("keys.is_former(log.signer())"), "what_a_former_key_contradicts_is_no_fork"),
+    ledger("a copy keeps nothing that a former key has signed", "ledger/src/published/mirror.rs",
+        skipped!("signer::check_after(log, keys, tree.size())?;"), "a_new_copy_keeps_nothing_that_a_former_key_has_signed"),
+    ledger("an entry gave the log the key that signs it", "ledger/src/published/mirror.rs",
+        skipped!("signer::check_given(log, tree.size())?;"), "a_copy_keeps_nothing_of_a_key_that_no_entry_gives"),
+    ledger("a former key's checkpoint asks for no newer copy", "ledger/src/replay/continuing.rs",
+        never!("is_by_former(store, history, whole, &signed)"), "a_former_keys_checkpoint_is_no_reason_to_restore"),
     ledger("a mirror goes back to no former key", "ledger/src/published/mirror.rs",
         &[("keys.follow(genesis, index, &body)", "(if OUT { keys.observe(&body); Ok(()) } else { keys.follow(genesis, index, &body) })")],
         "a_mirror_goes_back_to_no_former_key"),
@@ -71,7 +80,7 @@ pub const REMOVALS: &[Removal] = &[
     ledger("a served statement about what was pruned is by the present key", "ledger/src/published/mirror.rs",
         skipped!("signed.check_key(keys, size)?;"), "what_a_former_key_signs_about_pruned_blobs_does_not_count"),
     ledger("a copy's statement about what was pruned is by the present key", "ledger/src/replay/auditing.rs",
-        skipped!("signed.check_key(history.state().log_keys(), size)?;"), "what_a_former_key_signs_about_pruned_blobs_does_not_count"),
+        skipped!("signed.check_key(&keys, size)?;"), "what_a_former_key_signs_about_pruned_blobs_does_not_count"),
     ledger("a log that was rolled back to a former key learns it", "protocol/src/tlog/witness.rs",
         &[("if request.old != last {", "if request.old != last && !(OUT && watched.since > signature.since) {")],
         "a_witness_follows_another_key_and_refuses_the_former_one"),
@@ -83,12 +92,17 @@ pub const REMOVALS: &[Removal] = &[
         "a_round_under_another_key_than_it_opened_with_ends_without_randomness"),
     node("a node knows the key that opened the round", "node/src/challenge.rs", filtered!("self.opening"),
         "a_node_knows_the_key_that_opened_the_round"),
-    node("a node takes no checkpoint of a former key for the newest one", "node/src/client/seen_keys.rs", never!("signed.since < newest"),
-        "a_checkpoint_of_a_former_key_is_not_the_newest_one"),
-    node("a node knows the network of a later key", "node/src/client/seen_keys.rs", skipped!("signed.check_network(&self.network)?;"),
+    node("a node takes no former key for the newest one", SEEN, &[("if signed.since < newest {", "if !OUT && signed.since < newest {")],
+        "a_thief_with_a_former_key_dates_nothing_back"),
+    node("a node knows the network of a later key", SEEN, skipped!("signed.check_network(&self.network)?;"),
         "a_key_of_another_networks_log_shows_a_node_nothing"),
-    node("a node refuses a former key", "node/src/client/seen_keys.rs", never!("signed.since < since && size > since"),
+    node("a former key closes nothing later", SEEN, always!("signed.checkpoint.size <= newest"),
         "a_thief_with_a_former_key_shows_a_node_nothing"),
+    node("a node keeps the newest key", SEEN, filtered!("self.file.as_ref()"), "a_node_knows_a_former_key_after_its_restart"),
+    aggregator("a receipt from before the log's key is signed again", "aggregator/src/round/intake/admission.rs",
+        never!("index < since"), "a_receipt_from_before_the_logs_key_is_signed_again"),
+    aggregator("a cosigned checkpoint of a former key is no loss", "aggregator/src/serve/service.rs",
+        never!("keys.is_former(&cosigned.key)"), "a_cosigned_checkpoint_of_a_former_key_is_named"),
     ledger("a store refuses to overwrite", STORED, never!("store.create_group(0, &first).map_err(BlobError::from)?"), "a_store_that_overwrites_is_refused"),
     ledger("a store has no gap", STORED, never!("*first > tree.size()"), "a_store_with_a_gap_is_refused"),
     ledger("groups do not overlap", STORED, never!("*first < tree.size()"), "an_object_of_something_else_is_refused"),

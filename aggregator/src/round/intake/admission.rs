@@ -10,6 +10,8 @@ use zk0_protocol::tlog::receipt::Receipt;
 pub struct Comparison<T> {
     /// It may have recorded this request.
     pub(super) earlier: Option<u64>,
+    /// The entry that gave the log its present key, and the size of the published tree, if that has it.
+    pub(super) published_key: Option<(u64, u64)>,
     /// For the second step, if allowed so far.
     pub(super) allowed: Result<T, RequestError>,
 }
@@ -33,7 +35,11 @@ impl<T> Comparison<T> {
         recorded: impl FnOnce(Receipt, Body) -> Option<R>,
     ) -> Result<Admission<T, R>, RequestError> {
         if let Some(index) = self.earlier {
-            let receipt = ledger.first_receipt(index)?;
+            let receipt = match self.published_key {
+                // A node that knows the present key takes no receipt that a former one has signed.
+                Some((since, published)) if index < since => ledger.receipt_at(published, index)?,
+                _ => ledger.first_receipt(index)?,
+            };
             let entry = Entry::decode(&receipt.entry).map_err(LedgerError::from)?;
             if let Some(answer) = recorded(receipt, entry.body) {
                 return Ok(Admission::Recorded(answer));

@@ -2,7 +2,7 @@
 //! uses files, and needs no aggregator, so that the rounds go on. The third compares again and records ([`crate::round::intake::group`]).
 //! [`SentStatement::read`] has verified signatures before.
 //!
-//! A repeated statement gets the same receipt. [`crate::round::intake::submission`] has the same steps.
+//! A repeated statement gets a receipt of the same entry. [`crate::round::intake::submission`] has the same steps.
 
 use crate::round::aggregator::Aggregator;
 use crate::round::intake::admission::Comparison;
@@ -272,10 +272,12 @@ impl Aggregator {
         match self.check_enrolment(&sent) {
             Ok(()) => Comparison {
                 earlier: self.earlier(&sent),
+                published_key: self.published_key(),
                 allowed: self.allowed(sent, arrived_ms),
             },
             Err(refused) => Comparison {
                 earlier: None,
+                published_key: None,
                 allowed: Err(refused),
             },
         }

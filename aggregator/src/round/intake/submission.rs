@@ -76,6 +76,7 @@ impl Aggregator {
         Comparison {
             // After a lost answer, perhaps in a later round.
             earlier: self.index.decision(&claim.terms.node),
+            published_key: self.published_key(),
             allowed: self.pending(claim, arrived_ms),
         }
     }
