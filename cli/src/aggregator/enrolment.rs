@@ -41,7 +41,7 @@ pub struct OperatorDecides {
     /// The file of the operator's key: the key that founded the network.
     #[arg(long)]
     key: PathBuf,
-    /// The node's identity. `zk0 status` shows it.
+    /// Its identity (`zk0 audit show --node X`).
     node: NodeId,
 }
 

@@ -101,7 +101,7 @@ pub const REMOVALS: &[Removal] = &[
     node("a node keeps the newest key", SEEN, filtered!("self.file.as_ref()"), "a_node_knows_a_former_key_after_its_restart"),
     aggregator("a receipt from before the log's key is signed again", "aggregator/src/round/intake/admission.rs",
         never!("index < since"), "a_receipt_from_before_the_logs_key_is_signed_again"),
-    aggregator("a cosigned checkpoint of a former key is no loss", "aggregator/src/serve/service.rs",
+    aggregator("a cosigned checkpoint of a former key is no loss", "aggregator/src/round/outage.rs",
         never!("keys.is_former(&cosigned.key)"), "a_cosigned_checkpoint_of_a_former_key_is_named"),
     ledger("a store refuses to overwrite", STORED, never!("store.create_group(0, &first).map_err(BlobError::from)?"), "a_store_that_overwrites_is_refused"),
     ledger("a store has no gap", STORED, never!("*first > tree.size()"), "a_store_with_a_gap_is_refused"),
